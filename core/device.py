@@ -25,6 +25,7 @@ from core.files import (
     toml_text,
 )
 from core.mechanism import JOINTS, Arm, Brakes, Mechanism, no_brakes, parallel_rows
+from core.number_table import number
 from core.torque_table import NO_KNEE, torque_curve
 from core.workspace import brake_rows, free_tips, why_impossible
 
@@ -262,7 +263,7 @@ def _calibration(file: DeviceFile, text: str | None, where: str) -> np.ndarray |
         raise InputError(f"{where}: sensing.force.calibration: the file {name} is missing")
     rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip()]
     try:
-        matrix = np.array([[float(cell) for cell in row] for row in rows])
+        matrix = np.array([[number(cell) for cell in row] for row in rows])
     except ValueError:
         matrix = np.empty(0)
     if matrix.shape != (6, 6) or not np.all(np.isfinite(matrix)):

@@ -36,6 +36,7 @@ from core.ranges import (
     LagTime,
     Length,
     Place,
+    TableCurrent,
     Torque,
 )
 from core.torque_table import torque_curve, why_no_table
@@ -73,7 +74,7 @@ class BrakeFile(Table, frozen=True, kw_only=True):
     name: Annotated[str, msgspec.Meta(min_length=1)]
     current_max_A: Current
     k: tuple[float, Torque, float, float, float] | None = None  # Eq. (2), as published
-    torque_table: tuple[Pair, ...] | None = None  # A, N m; in place of k
+    torque_table: tuple[tuple[TableCurrent, Torque], ...] | None = None  # A, N m; in place of k
     knee_A: NotNegative = 0.2
     omega_0_rpm: Positive
     floor_rpm: Positive

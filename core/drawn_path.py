@@ -1,6 +1,5 @@
 """Paths drawn elsewhere: the points of a CSV table, or the path element of an SVG picture, as a polyline."""
 
-import csv
 import math
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from core.files import InputError, NotNegative, Pair, Positive, from_plain
+from core.number_table import number_table
 from core.path import MOST_POINTS, Followed, PathFile, Polyline, path_from
+from core.ranges import PLACE
 
 DRAWING = "drawing"  # kind of a path that is drawn in a file
 COLUMNS = ("x_m", "y_m")
@@ -40,7 +41,8 @@ def read_path(entry: dict[str, Any], read: Callable[[str], str], where: str) -> 
     is_svg = drawing.file.lower().endswith(".svg")
     if is_svg and (drawing.width_m is None or drawing.centre_m is None):
         raise InputError(f"{where}: an SVG picture has no metres, width_m and centre_m are required")
-    points = _placed(_svg_points(text, where) if is_svg else _csv_points(text, where), drawing, where)
+    points = _svg_points(text, where) if is_svg else _table_points(text, where, drawing.width_m is None)
+    points = _placed(points, drawing, where)
     points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > LEAST_STEP_M)]
     if len(points) < 2:
         raise InputError(f"{where}: has fewer than two different points")
@@ -54,18 +56,13 @@ def read_path(entry: dict[str, Any], read: Callable[[str], str], where: str) -> 
     return Polyline(pairs, near_m=drawing.near_m, blend_width_m=drawing.blend_width_m), about
 
 
-def _csv_points(text: str, where: str) -> np.ndarray:
-    """The points (n, 2) of a table with the columns x_m and y_m."""
-    table = csv.DictReader(text.splitlines())
-    if not set(COLUMNS) <= set(table.fieldnames or ()):
-        raise InputError(f"{where}: must have the columns x_m and y_m, separated by commas")
-    points = []
-    for row in table:
-        try:
-            points.append([float(row[name]) for name in COLUMNS])
-        except (TypeError, ValueError):
-            raise InputError(f"{where}: line {table.line_num}: x_m and y_m must be numbers") from None
-    return np.array(points).reshape(-1, 2)
+def _table_points(text: str, where: str, in_metres: bool) -> np.ndarray:
+    """The points (n, 2) of a table; in_metres: they are not scaled, so their unit matters."""
+    table = number_table(text, where, COLUMNS, None)
+    if in_metres:
+        for name in COLUMNS:
+            table.check_range(name, PLACE)
+    return table.values
 
 
 def _svg_points(text: str, where: str) -> np.ndarray:
@@ -113,8 +110,6 @@ def _placed(points: np.ndarray, drawing: Drawing, where: str) -> np.ndarray:
     """The points scaled to the drawing's width and moved to its centre."""
     if not 2 <= len(points) <= MOST_DRAWN:
         raise InputError(f"{where}: has {len(points)} points, 2 to {MOST_DRAWN} are needed")
-    if not np.isfinite(points).all():
-        raise InputError(f"{where}: every coordinate must be finite")
     low, high = points.min(axis=0), points.max(axis=0)
     middle = 0.5 * (low + high)
     centre = middle if drawing.centre_m is None else np.array(drawing.centre_m)

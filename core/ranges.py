@@ -81,6 +81,7 @@ Torque = Annotated[float, _within(TORQUE)]
 Held = Annotated[float, _within(YIELD, 0.0)]  # a torque that a brake can hold
 Speed = Annotated[float, _within(SPEED)]
 Current = Annotated[float, _within(CURRENT)]
+TableCurrent = Annotated[float, _within(CURRENT, 0.0)]  # of a point of a torque table
 LagTime = Annotated[float, _within(TIME_CONSTANT)]
 Step = Annotated[float, _within(STEP)]
 Angle = Annotated[float, _within(ANGLE)]

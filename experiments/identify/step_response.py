@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
 from core.files import InputError
-from experiments.simulate.number_table import read_number_table
+from core.number_table import read_number_file
 
 COLUMNS = ("t_s", "current_from_A", "current_to_A", "speed_rpm", "torque_N_m", "step_index")
 FEWEST_SAMPLES = 20  # of a step, after the current has changed
@@ -69,9 +69,8 @@ class Step:
 
 def read_steps(path: Path) -> list[Step]:
     """All steps of a file, one for each step_index; a refusal names the line."""
-    table = read_number_table(path, "the measured steps", COLUMNS)
-    places = [table.columns.index(column) for column in COLUMNS]
-    t, current_from, current_to, speed, torque, index = table.values[:, places].T
+    table = read_number_file(path, "the measured steps", COLUMNS, None)
+    t, current_from, current_to, speed, torque, index = table.values.T
     for bad, reason in (
         (current_from < 0.0, "current_from_A must be at least 0"),
         (current_to < 0.0, "current_to_A must be at least 0"),

@@ -15,17 +15,19 @@ from core.control.guard import NOTHING, Around, Guard, why_no_guard
 from core.device import Device, load_device
 from core.files import InputError, NotNegative, Positive, Table, choice, parse_toml, read_text
 from core.mechanism import JOINTS
+from core.number_table import read_number_file
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.ranges import FORCE, STEP, TORQUE, YIELD, Force, Held, Place, Speed
 from core.tick_log import TICK_S
 from core.workspace import tip_is_free
-from experiments.simulate.number_table import read_number_table
 
 #: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
 WHOLE_WITHIN = 1e-9
 #: s. Times closer than this are one time (schedule row and step edge, end of a force file and of the scene).
 TIME_WITHIN = 1e-9
 
+#: A force file that goes on for so many times the scene's duration is hardly in seconds. Our choice.
+MUCH_LONGER = 20.0
 
 #: A run of more would take an hour and more, and its table more than a GiB.
 MOST_STEPS, MOST_ROWS = 1_000_000_000, 10_000_000
@@ -253,18 +255,14 @@ def _schedule(file: SceneFile, device: Device, path: Path) -> tuple[np.ndarray, 
     if file.brakes.schedule is None:
         return np.zeros(1), constants
     name = path.parent / file.brakes.schedule
-    table = read_number_table(name, f"{path}: brakes.schedule")
+    table = read_number_file(name, f"{path}: brakes.schedule", ("t_s",), tuple(JOINTS))
     joints = table.columns[1:]
-    if table.columns[:1] != ("t_s",) or not set(joints) <= set(JOINTS):
-        raise InputError(
-            f"{name}: line 1: the header must be t_s and joints out of A,E,B,C, not {','.join(table.columns)}"
-        )
-    table.check_times()
+    table.check_times(file.duration_s, longer=1.0)
     values = np.zeros((len(table.values), 4))
     values[:, [JOINTS.index(joint) for joint in joints]] = table.values[:, 1:]
     if file.fidelity == "ideal":
-        for column in range(1, len(table.columns)):
-            table.check_range(column, YIELD)
+        for joint in joints:
+            table.check_range(joint, YIELD)
     _check_commands(values, device, file.fidelity, lambda row, joint: f"{name}: line {table.line(row)}: {joint}")
     return table.values[:, 0].copy(), values
 
@@ -291,13 +289,11 @@ def hand_force(
     """Knots (m,), s, and forces (m, columns) of what the hand does: those of the scene's force file, or a constant."""
     if file is None:
         return np.zeros(1), np.array([constant])
-    name, header = path.parent / file, ("t_s", *columns)
-    table = read_number_table(name, f"{path}: force.file")
-    if table.columns != header:
-        raise InputError(f"{name}: line 1: the header must be {','.join(header)}, not {','.join(table.columns)}")
-    table.check_times()
-    for column, title in enumerate(header[1:], 1):
-        table.check_range(column, TORQUE if title.endswith("_N_m") else FORCE)
+    name = path.parent / file
+    table = read_number_file(name, f"{path}: force.file", ("t_s", *columns))
+    table.check_times(duration_s, MUCH_LONGER)
+    for column in columns:
+        table.check_range(column, TORQUE if column.endswith("_N_m") else FORCE)
     last = table.values[-1, 0]
     if last < duration_s - TIME_WITHIN:
         raise InputError(f"{name}: ends at {last:g} s, before the scene does (duration_s = {duration_s:g} s)")

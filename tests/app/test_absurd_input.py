@@ -81,6 +81,12 @@ STRANGE = {
     ),
     "ms for s": ("step_s = 1e-3", "step_s = 1", "step_s = 1 s is strange; if 1 ms is meant, write 0.001"),
     "degrees for rad": ("rotation_rad = 0.0", "rotation_rad = 90", "90 rad is strange; if 90 degrees is meant"),
+    "ms for s in a file": ("0.02,5,6", "20,5,6", "t_s ends at 20 s, the scene at 0.02 s; if 20 ms is meant"),
+    "mA for A in a torque table": (
+        "1.0\nk = [3.25, 0.35, -1.5625, 7.25, -0.3875]",
+        "1.0\ntorque_table = [[0.0, 0.3], [1000.0, 5.0]]",
+        "torque_table = 1000 A is strange; if 1000 mA is meant, write 1",
+    ),
     "mN for N in a file": ("0.01,3,4", "0.01,3,4000", "line 3: fy_N = 4000 N is strange; if 4000 mN is meant, write 4"),
 }
 

@@ -81,10 +81,12 @@ def test_a_picture_is_placed_with_its_curves_and_y_upwards():
 @pytest.mark.parametrize(
     ("text", "entry", "reason"),
     [
-        ("x,y\n1,2\n", {}, "must have the columns x_m and y_m"),
-        ("", {}, "must have the columns"),
-        ("x_m,y_m\n0,0\n1,two\n", {}, "line 3: x_m and y_m must be numbers"),
-        ("x_m,y_m\n0,0\n1\n", {}, "line 3"),
+        ("x,y\n1,2\n", {}, "line 1: the header lacks x_m, y_m; it names x, y"),
+        ("", {}, "is empty"),
+        ("x_m,y_m\n0,0\n1,two\n", {}, "line 3: y_m must be a number, not 'two'"),
+        ("x_m,y_m\n0,0\n1\n", {}, "line 3: has 1 values, the header names 2"),
+        ("x_m,y_m\n0,0\n0.05,0.38,7\n", {"width_m": 0.1}, "line 3: has 3 values, the header names 2$"),
+        ("x_m,y_m\n0,5,360,2\n25,5,380,7\n", {"width_m": 0.1}, r"line 2: has 4 values.*\(decimal commas: save with"),
         ("x_m,y_m\n0,0\n", {}, "has 1 points"),
         ("x_m,y_m\n0,0\n0,0\n", {}, "fewer than two different points"),
         ("x_m,y_m\n0,0\nnan,0\n", {}, "finite"),
