@@ -5,6 +5,7 @@ session or a study (`protocol_to_json`) holds every file in full, so that the se
 lost. The paper's protocol is shipped and the default.
 """
 
+import functools
 import os.path
 import stat
 import textwrap
@@ -165,8 +166,12 @@ def label(name: str) -> str:
     return textwrap.fill(name, 13)
 
 
-def shipped_protocols() -> list[str]:
-    return shipped_names(SHIPPED_FOLDER)
+@functools.cache
+def shipped_protocols() -> dict[str, str]:
+    """The protocols that come with the product, the paper's first: name -> the sentence of its `[about]`."""
+    names = sorted(shipped_names(SHIPPED_FOLDER), key=lambda name: (name != PAPER, name))
+    texts = {name: read_text(SHIPPED_FOLDER / f"{name}.toml") for name in names}
+    return {name: parse_toml(text, ProtocolFile, name).about.sentence for name, text in texts.items()}
 
 
 def load_protocol(

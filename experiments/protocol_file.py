@@ -115,6 +115,16 @@ class Export(Table, frozen=True):
     hed_version: str = ""  # of the HED schema, where the phases are to be tagged by it
 
 
+class About(Table, frozen=True):
+    """What is said of an experiment where one is chosen."""
+
+    sentence: Annotated[str, msgspec.Meta(max_length=80)] = ""
+
+    def __post_init__(self) -> None:
+        if not self.sentence.isprintable():
+            raise ValueError(f"sentence must be one line of plain text, not {self.sentence!r}")
+
+
 class Instruction(Table, frozen=True):
     """A page that the participant reads before the first trial."""
 
@@ -133,6 +143,7 @@ class Settings(Table, frozen=True, kw_only=True):
     """The keys of an experiment, as in its file. To add one: its line here."""
 
     name: Text
+    about: About = About()
     rules: Rules = "settled"
     seed: Seed = 1
     blocks: Count = 1  # of each configuration; every controller x path once in each

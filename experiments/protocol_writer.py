@@ -131,7 +131,7 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:
     """A protocol's file so that it needs no other: no devices, instructions, translation, measures; paths as points."""
-    left_out = ("instruction", "device", "brake", "measure")
+    left_out = ("about", "instruction", "device", "brake", "measure")
     content = {key: value for key, value in tomllib.loads(protocol.text).items() if key not in left_out}
     for place, entry in enumerate(content["path"], start=1):
         if entry["kind"] == DRAWING:

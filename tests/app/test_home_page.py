@@ -8,7 +8,7 @@ from fake_client import GREEN, RED, before, opened, ready, running
 from page_driver import PageDriver
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton, QStyleOptionViewItem
 from screens import settle
 from sessions import closed_session
 from status_messages import ON_BENCH, WELL
@@ -21,7 +21,7 @@ from app.window.widgets import memory
 from app.window.widgets.page import ANALYSE, RUN, TRY
 from app.window.widgets.parts import Segments
 from experiments.inputs import MOUSE, OPERATOR
-from experiments.protocol import PAPER, load_protocol
+from experiments.protocol import PAPER, load_protocol, shipped_protocols
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
@@ -89,7 +89,7 @@ def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Sho
 
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
     page = shown.page
-    page.protocol.setCurrentIndex(page.protocol.findText("Curves"))
+    page.protocol.setCurrentIndex(page.protocol.findText("Displays"))
     page.protocol.activated.emit(page.protocol.currentIndex())
     page.hand.setCurrentIndex(page.hand.findText("Simulated operator"))
     page.hand.activated.emit(page.hand.currentIndex())
@@ -101,7 +101,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
     shown.click(page.start)
-    chosen = shown.setup._replace(protocol="curves", hand=OPERATOR, devices=("four-brake",))
+    chosen = shown.setup._replace(protocol="displays", hand=OPERATOR, devices=("four-brake",))
     assert shown.setups == [(chosen, m.Open("01"))] and shown.sent == []
     assert page.start.text() == "Opening the session of 01 …" and not page.start.isEnabled()
     page.show_setup(chosen)
@@ -109,6 +109,19 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     shown.wait()
     shown.click(page.start)
     assert shown.sent == [m.Open("01")], "the session server is the chosen one now"
+
+
+def test_the_list_of_protocols_begins_with_the_papers_and_says_a_sentence_of_each(shown: Shown) -> None:
+    choice, said = shown.page.protocol, shipped_protocols()
+    assert list(said)[0] == PAPER and all(said.values())
+    choice.showPopup()
+    settle(choice.view())
+    delegate, option, model = choice.view().itemDelegate(), QStyleOptionViewItem(), choice.model()
+    for place, (name, sentence) in enumerate(said.items()):
+        delegate.initStyleOption(option, model.index(place, 0))
+        assert option.text == f"{name.capitalize()} · {sentence}" and choice.itemText(place) == name.capitalize()
+        assert choice.view().viewport().width() >= delegate.sizeHint(option, model.index(place, 0)).width()
+    choice.hidePopup()
 
 
 def test_a_protocol_that_cannot_be_run_says_why_and_starts_nothing(shown: Shown, tmp_path: Path) -> None:
@@ -150,7 +163,7 @@ def test_what_was_changed_in_one_protocol_is_not_lost_unasked_where_another_is_t
     shown.click(page.edit)
     shown.type(editor.fields["name"], "mine")
     shown.page.to_close()()
-    page.take_protocol("curves")
+    page.take_protocol("displays")
     shown.click(page.edit)
     assert page.stack.currentWidget() is page.columns and "Paper protocol, a copy, has changes" in shown.texts()
     page.cards.question.buttons[0].click()
@@ -158,7 +171,7 @@ def test_what_was_changed_in_one_protocol_is_not_lost_unasked_where_another_is_t
     page.to_close()()
     shown.click(page.edit)
     page.cards.question.buttons[1].click()
-    assert editor.content["name"] == "curves" and not editor.changed
+    assert editor.content["name"] == "displays" and not editor.changed
 
 
 def test_the_plan_is_shown_before_anyone_sits_down_and_a_blind_one_in_codes(shown: Shown) -> None:

@@ -539,11 +539,11 @@ def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: S
 def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(screens: Screens) -> None:
     console = screens.hear(opened(""), before())
     editor = console.page(HOME).editor
-    editor.open("curves")
+    editor.open("displays")
     editor.fields["name"].setText("mine")
     editor.fields["name"].textEdited.emit("mine")
     assert not console.close() and not screens.client.stopped
-    assert "lost then: what was changed in the editor (Curves protocol, a copy)." in " ".join(visible_texts(console))
+    assert "lost then: what was changed in the editor (Displays protocol, a copy)." in " ".join(visible_texts(console))
     console.escape("")
     editor.undo()
     assert console.close() and screens.client.stopped

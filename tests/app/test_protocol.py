@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import asdict, replace
-from protocols import PAPER, changed, protocol_of, short
+from protocols import CURVES, PAPER, changed, protocol_of, short
 
 from app.cli import main
 from app.session_server.session_progress import SessionProgress
@@ -181,7 +181,7 @@ def test_an_arc_is_checked_along_its_bulge_not_only_at_its_ends():
 
 @pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", ""])
 def test_a_protocol_that_is_not_there_is_refused_with_what_there_is(name):
-    with pytest.raises(InputError, match="unknown protocol .*curves, displays, .*paper"):
+    with pytest.raises(InputError, match="unknown protocol .*arena, displays, .*paper"):
         load_protocol(name)
 
 
@@ -255,7 +255,7 @@ def test_no_break_comes_at_the_end_of_a_configuration_where_the_re_rig_is_one():
 
 
 def test_a_study_runs_a_protocol_of_curves_and_does_not_test_the_papers_statements_on_it(tmp_path, capsys):
-    text = load_protocol("curves").text
+    text = CURVES.read_text()
     (tmp_path / "mine.toml").write_text(changed(text, blocks="1", repetitions="1"))
     out = tmp_path / "study"
     assert main(["study", str(tmp_path / "mine.toml"), "--operators", "1", "--out", str(out)]) == 0

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 from page_driver import LEFT, PageDriver
+from protocols import CURVES
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QPushButton, QWidget
@@ -118,7 +119,7 @@ def test_the_readers_sentence_stands_where_the_mistake_is(editing: Editing) -> N
 
 
 def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
-    editing.editor.open("curves")
+    editing.editor.open(str(CURVES))
     fields = [field for path in editing.editor.paths.points for field in path]
     assert "-93.969" in [field.text() for field in fields]
     for field in fields:
@@ -128,7 +129,7 @@ def test_every_coordinate_of_a_path_is_seen_whole(editing: Editing) -> None:
 
 def test_the_editor_can_be_used_by_keys_alone(editing: Editing) -> None:
     editor, press = editing.editor, lambda key: QTest.keyClick(editing.holder.focusWidget(), key)
-    editing.editor.open("curves")
+    editing.editor.open(str(CURVES))
     editing.holder.activateWindow()
     QTest.qWaitForWindowActive(editing.holder)
     editing.read("24 trials")
@@ -151,7 +152,7 @@ def test_the_editor_can_be_used_by_keys_alone(editing: Editing) -> None:
 
 
 def test_rows_of_controllers_and_paths_align(editing: Editing) -> None:
-    editing.editor.open("curves")
+    editing.editor.open(str(CURVES))
     editing.holder.resize(1256, 620)
     settle(editing.holder)
     places = {one: one.mapTo(editing.editor, QPoint()) for one in editing.editor.findChildren(QWidget)}

@@ -353,7 +353,7 @@ def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_
             assert min(left, top, width - right, TEXT_TOP * height - bottom) >= margin, (name, width, height)
             is_full = right - left > 0.92 * width or bottom - top > 0.9 * TEXT_TOP * height
             assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
-            assert not is_full or width > 1.7 * height or name not in ("paper", "curves")
+            assert not is_full or width > 1.7 * height or name != "paper"
 
 
 def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screens: Screens) -> None:

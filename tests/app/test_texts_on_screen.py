@@ -23,6 +23,7 @@ from fake_client import (
     result,
     running,
 )
+from protocols import CURVES
 from PySide6.QtCore import Qt
 from screens import Screens
 from sessions import session_of
@@ -154,7 +155,7 @@ def instructed(screens: Screens) -> None:
 def editor(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
-    home.editor.open("curves")
+    home.editor.open(str(CURVES))
     home.stack.setCurrentWidget(home.editor)
 
 

@@ -230,6 +230,9 @@ def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> No
         load_protocol(with_lines(tmp_path, text=PAPER + pages.replace("grip", "\\u0000")))
 
 
+WEDGE = Path(__file__).resolve().parents[2] / "docs/examples/protocols/wedge.toml"
+
+
 def shipped(name: str) -> dict:
     return tomllib.loads((SHIPPED_FOLDER / f"{name}.toml").read_text())
 
@@ -291,10 +294,10 @@ def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:
     save_protocol(file, shipped("paper"))
     first = file.read_bytes()
     with pytest.raises(InputError, match=r"mine\.toml: exists already"):
-        save_protocol(file, shipped("curves"))
+        save_protocol(file, shipped("displays"))
     assert file.read_bytes() == first
-    save_protocol(file, shipped("curves"), replacing=True)
-    assert load_protocol(file).name == "curves" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+    save_protocol(file, shipped("displays"), replacing=True)
+    assert load_protocol(file).name == "displays" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
 def test_what_cannot_be_run_or_written_leaves_nothing(tmp_path) -> None:
@@ -342,9 +345,9 @@ def without_valid_brake(device, path_file, side):
     return float(np.mean((turn > 0.5 * HALF_TURN + 1e-9).all(axis=1)))
 
 
-@pytest.mark.parametrize("device", load_protocol("wedge").devices, ids=lambda device: device.name)
+@pytest.mark.parametrize("device", load_protocol(WEDGE).devices, ids=lambda device: device.name)
 def test_beside_its_paths_no_brake_is_valid_on_most_of_the_way_and_beside_the_papers_nowhere(device):
-    paths = load_protocol("wedge").paths
+    paths = load_protocol(WEDGE).paths
     for number, path in paths.items():
         shares = {side: without_valid_brake(device, path, side) for side in (1, -1)}
         assert max(shares.values()) > 0.6, (number, shares)
@@ -355,7 +358,7 @@ def test_beside_its_paths_no_brake_is_valid_on_most_of_the_way_and_beside_the_pa
 
 @pytest.mark.parametrize("rules", ["settled", "literal"])
 def test_its_trials_have_the_locks_and_releases_of_the_rules_on_every_device(rules):
-    protocol = replace(load_protocol("wedge"), rules=rules, blocks=1)
+    protocol = replace(load_protocol(WEDGE), rules=rules, blocks=1)
     released, locked = {}, {}
     for row, _ in study_trials(protocol, load_population(), 1):
         cell = row.configuration, row.controller

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from people import noiseless, somebody
-from protocols import PAPER
+from protocols import CURVES, PAPER
 
 from core import tick_log
 from core.control.controllers import make_controller
@@ -28,7 +28,7 @@ SPEED_AT_REST = 0.005  # m/s
 
 #: Every device with the paths that lie well inside its workspace.
 PLACES = [(name, path) for name in DEVICES for path in PAPER.paths.values()]
-PLACES += [("four-brake", path) for path in load_protocol("curves").paths.values()]
+PLACES += [("four-brake", path) for path in load_protocol(CURVES).paths.values()]
 
 
 def push(device, path, number, tip, force, ticks, fidelity="static", rules="settled"):

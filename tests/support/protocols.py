@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from experiments.analysis.trials_table import StudyData, TrialRow
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
@@ -9,6 +10,8 @@ from experiments.trial.population import load_population
 
 PAPER = load_protocol()
 PEOPLE = load_population()
+#: A protocol file of other paths than segments, on one device, with practice, breaks and feedback.
+CURVES = Path(__file__).with_name("curves.toml")
 
 
 def changed(text: str, **values: str) -> str:

@@ -243,6 +243,7 @@ class HomePage(Page):
         shipped = {name: name.capitalize() for name in shipped_protocols()}
         files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
         self.protocol.fill({**shipped, **files, "": FILE}, setup.protocol)
+        self.protocol.say(shipped_protocols())
         devices: dict[tuple[str, ...] | None, str] = {None: AS_PROTOCOL}
         devices |= {(name,): name for name in shipped_devices()}
         devices.setdefault(setup.devices, ", ".join(Path(device).stem for device in setup.devices or ()))

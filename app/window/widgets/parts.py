@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, QPointF, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QPainter, QPaintEvent, QPolygonF, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -22,6 +22,8 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QStackedWidget,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
     QVBoxLayout,
     QWidget,
 )
@@ -32,6 +34,7 @@ from app.window.widgets.theme import COLOURS
 NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
 END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
 PART = " · "  # between two parts of a line
+LIST_EDGES_PX = 24  # of a list that drops down: its frame and a scroll bar
 
 
 def breakable(text: str) -> str:
@@ -145,6 +148,14 @@ class Figures(QWidget):
             x += theme.text_width(f"{text} ", size, self._bold)
 
 
+class SaidInList(QStyledItemDelegate):
+    """An entry of a list that drops down, and behind it what its tooltip says: the closed box has no room for it."""
+
+    def initStyleOption(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> None:
+        super().initStyleOption(option, index)
+        option.text = PART.join(filter(None, (option.text, index.data(Qt.ItemDataRole.ToolTipRole))))  # type: ignore[attr-defined]  # it is there
+
+
 class Choice(QComboBox):
     """One of several. Without the focus it leaves the wheel to the page that scrolls below it.
 
@@ -166,6 +177,13 @@ class Choice(QComboBox):
         self.clear()
         self.addItems(list(entries.values()))
         self.setCurrentIndex(self._values.index(value))
+
+    def say(self, sentences: Mapping[Any, str]) -> None:
+        """Say these of the values in the list that drops down, which becomes as wide as they are."""
+        for place, value in enumerate(self._values):
+            self.setItemData(place, sentences.get(value), Qt.ItemDataRole.ToolTipRole)
+        self.view().setItemDelegate(SaidInList(self))
+        self.view().setMinimumWidth(self.view().sizeHintForColumn(0) + LIST_EDGES_PX)
 
     def value(self) -> Any:
         return self._values[self.currentIndex()]
