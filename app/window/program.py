@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgress
 from app.ipc.client import Client
 from app.progress import ProgressBar
 from app.window.widgets import memory, theme, words
+from app.window.widgets.garbage import Collector
 from app.window.widgets.theme import show_fitted
 from app.window.widgets.work import VerbProcess
 from app.window.windows import Windows
@@ -24,6 +25,7 @@ def make_ready() -> QApplication:
     """What need not wait for the server: the application."""
     application = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(application, QApplication)
+    Collector(application)
     memory.begin()
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)

@@ -18,6 +18,7 @@ from app.ipc.messages import Setup
 from app.window.main_window import MainWindow
 from app.window.widgets import memory, words
 from app.window.widgets.keys import bind
+from app.window.widgets.work import BackgroundTask
 from core import tick_log
 
 FRAME_S = 1.0 / 60.0
@@ -34,7 +35,7 @@ class Windows(QObject):
         self.main = MainWindow(client)
         self.participant = self.main.participant
         self.over = False
-        self._warm_up: threading.Thread | None = None
+        self._warm_up: BackgroundTask | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
         self._next: tuple[Setup, object] = client.setup, None
         self.participant.installEventFilter(self)
@@ -239,10 +240,13 @@ class Windows(QObject):
         self.main.show_ticks(rows, taken)
 
     def _warm(self, snapshot: m.Snapshot) -> None:
-        """Once the server is ready, which needs the processors more: load what the results need, beside."""
+        """Once the server is ready, which needs the processors more: load what the other pages need, beside.
+
+        Kernels, plots and statistics take a second and a half to import.
+        """
         if self._warm_up is None and snapshot.stage != m.PREPARING:
-            self._warm_up = threading.Thread(target=load_statistics, name="warm-up", daemon=True)
-            self._warm_up.start()
+            self._warm_up = BackgroundTask(lambda _: gc.freeze())  # as `garbage.Collector` does
+            self._warm_up.ask(import_module, "app.window.analyse.analyse_page")
 
     # ------------------------------------------------------------------------------------------- the end
 
@@ -270,11 +274,3 @@ def by_trial(rows: np.ndarray) -> list[np.ndarray]:
     """Ticks (n, tick_log.WIDTH) of one trial after the other, trial by trial."""
     begin = np.flatnonzero(rows[1:, tick_log.T] <= rows[:-1, tick_log.T]) + 1
     return np.split(rows, begin) if len(begin) else [rows]
-
-
-def load_statistics() -> None:
-    """What the other pages need: kernels, plots and statistics take a second and a half to import."""
-    import_module("app.window.analyse.analyse_page")
-
-    gc.collect()
-    gc.freeze()  # else looking through all that was imported holds a frame for 50 ms now and then

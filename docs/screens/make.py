@@ -29,6 +29,7 @@ palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
 from app.window.canvas.linkage_view import DIRECTIONS
 from app.window.widgets import theme
+from app.window.widgets.garbage import Collector
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.windows import Windows
 from core import tick_log
@@ -116,6 +117,7 @@ class MadeUpHand(QObject):
 def main() -> None:
     """All pictures; with `light` as the argument those of the light palette."""
     application = QApplication(sys.argv[:1])
+    Collector(application)
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:

@@ -1,5 +1,6 @@
 """What tests of the windows share."""
 
+import gc
 from collections.abc import Iterator
 
 import pytest
@@ -14,9 +15,26 @@ def dressed(application: QApplication) -> Iterator[None]:
     """The typeface and the colours, once; and no window loads what later pages need, or keeps settings."""
     theme.apply_theme(application)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.window.windows.load_statistics", lambda: None)
+        patch.setattr("app.window.windows.Windows._warm", lambda *_: None)
         patch.setattr("app.window.widgets.memory.begin", lambda: None)  # the user's own settings are left alone
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_collection_beside_windows() -> Iterator[None]:
+    """Garbage is collected in the thread of the windows, between tests, and never by itself: as in the app."""
+    usual = gc.get_threshold()
+    gc.set_threshold(0)
+    yield
+    gc.collect()
+    gc.set_threshold(*usual)
+
+
+@pytest.fixture(autouse=True)
+def _collected() -> Iterator[None]:
+    """Collect what a test has left."""
+    yield
+    gc.collect(1)
 
 
 @pytest.fixture(scope="module")

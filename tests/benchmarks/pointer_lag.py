@@ -25,6 +25,7 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.widgets import theme
+from app.window.widgets.garbage import Collector
 from app.window.windows import Windows
 from core import tick_log
 
@@ -180,6 +181,7 @@ def main() -> None:
     """One case: seconds, width, height; a line of JSON on the standard output."""
     seconds, width, height = sys.argv[1:]
     application = QApplication(sys.argv[:1])
+    Collector(application)
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     found = measure(float(seconds), int(width), int(height))

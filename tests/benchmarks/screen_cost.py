@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.window.run.run_page import RunPage
 from app.window.widgets import theme
+from app.window.widgets.garbage import Collector
 from app.window.widgets.page import RUN
 from app.window.windows import Windows
 from tests.benchmarks.synthetic_bench import SyntheticBench
@@ -145,6 +146,7 @@ def main() -> None:
     """One case: seconds, width, height, 0 or 1 (both windows); a line of JSON on the standard output."""
     seconds, width, height, both = sys.argv[1:]
     application = QApplication(sys.argv[:1])
+    Collector(application)
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     print(json.dumps(measure(float(seconds), int(width), int(height), both == "1")._asdict()))

@@ -3,7 +3,6 @@
 The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
 """
 
-import gc
 import math
 import signal
 import sys
@@ -22,6 +21,7 @@ from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
 from app.window.widgets import theme
+from app.window.widgets.garbage import Collector
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import NOTHING, start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of, show_fitted
@@ -356,9 +356,8 @@ def run(path: Path) -> int:
     """Play a recording in a window of its own until it is closed. InputError if there is nothing to play."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
     application = QApplication(sys.argv[:1])
+    Collector(application)
     theme.apply_theme(application)
     window = TrialWindow(path)
     show_fitted(window, *LARGEST)
-    gc.collect()
-    gc.freeze()  # else looking through all that was imported costs 50 ms now and then
     return application.exec()

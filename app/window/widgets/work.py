@@ -4,7 +4,7 @@ import contextlib
 import subprocess
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
@@ -20,8 +20,10 @@ LOOK_MS = 2000  # between two looks of a `Watch`
 class BackgroundTask(QObject):
     """One thing at a time is asked for; what was asked before is dropped when it comes.
 
-    It has no parent: a thread that outlives its page may still emit.
+    It has no parent: a thread that outlives its page may still emit. Nor does it end in such a thread.
     """
+
+    _awaited: ClassVar[list["BackgroundTask"]] = []  # once for each result that is still to come
 
     done = Signal(object)  # the result, or the InputError that says why there is none; a deleted page hears nothing
     _came = Signal(int, object)  # to this thread: the number of what was asked, and the same
@@ -36,6 +38,7 @@ class BackgroundTask(QObject):
     def ask(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Call it in a thread."""
         self._newest, self.busy = self._newest + 1, True
+        self._awaited.append(self)
         threading.Thread(target=self._run, args=(self._newest, function, arguments), daemon=True).start()
 
     def forget(self) -> None:
@@ -52,6 +55,7 @@ class BackgroundTask(QObject):
         self._came.emit(number, result)
 
     def _emit(self, number: int, result: object) -> None:
+        self._awaited.remove(self)
         if number == self._newest:
             self.busy = False
             self.done.emit(result)
