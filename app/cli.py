@@ -9,6 +9,8 @@ import os
 import re
 import signal
 import sys
+import tempfile
+import traceback
 import warnings
 from collections.abc import Sequence
 from errno import EINVAL, ELOOP, ENAMETOOLONG
@@ -68,6 +70,23 @@ def _run(argv: Sequence[str]) -> int:
         return _fail(f"{place}{reason}", WRONG_INPUT if is_wrong else FAILED)
     except FloatingPointError as error:
         return _fail(str(error), FAILED)
+    except Exception as error:
+        return _fail(internal_error(error), FAILED)
+
+
+def internal_error(error: Exception) -> str:
+    """The sentence for an error that nothing has foreseen; its traceback goes into a new file, for a report."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    reason = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(": ")
+    said = f"internal error in {os.path.basename(last.filename)}, line {last.lineno}: {reason}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="phd-error-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            traceback.print_exception(error, file=file)
+    except OSError:
+        return said
+    return f"{said}; please report it with {file.name}"
 
 
 def open_closed_streams() -> None:

@@ -1,4 +1,4 @@
-"""Paths drawn elsewhere: the points of a CSV table, or the path element of an SVG picture, as a polyline."""
+"""Paths drawn elsewhere: the points of a CSV table, or the line of an SVG picture, as a polyline."""
 
 import math
 from collections.abc import Callable
@@ -10,10 +10,10 @@ from core.files import InputError, NotNegative, Pair, Positive, from_plain
 from core.number_table import number_table
 from core.path import MOST_POINTS, Followed, PathFile, Polyline, path_from
 from core.ranges import PLACE
+from core.svg_picture import shown_lines
 
 DRAWING = "drawing"  # kind of a path that is drawn in a file
 COLUMNS = ("x_m", "y_m")
-CURVE_POINTS = 32  # on each curve of an SVG path
 LEAST_STEP_M = 1e-6  # points nearer to the one before are left out
 SMOOTHING_STEPS = 2  # points within the width of the smoothing
 MOST_DRAWN = 100_000  # points of a file. Our choice: more is no hand's drawing
@@ -41,7 +41,7 @@ def read_path(entry: dict[str, Any], read: Callable[[str], str], where: str) -> 
     is_svg = drawing.file.lower().endswith(".svg")
     if is_svg and (drawing.width_m is None or drawing.centre_m is None):
         raise InputError(f"{where}: an SVG picture has no metres, width_m and centre_m are required")
-    points = _svg_points(text, where) if is_svg else _table_points(text, where, drawing.width_m is None)
+    points = _picture_points(text, where) if is_svg else _table_points(text, where, drawing.width_m is None)
     points = _placed(points, drawing, where)
     points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > LEAST_STEP_M)]
     if len(points) < 2:
@@ -65,45 +65,12 @@ def _table_points(text: str, where: str, in_metres: bool) -> np.ndarray:
     return table.values
 
 
-def _svg_points(text: str, where: str) -> np.ndarray:
-    """The points (n, 2) of the one path of a picture, y upwards; curves as `CURVE_POINTS` each."""
-    from xml.etree.ElementTree import ParseError
-
-    from fontTools.pens.basePen import BasePen
-    from fontTools.svgLib.path import SVGPath
-
-    class Collector(BasePen):
-        def __init__(self) -> None:
-            super().__init__(None)
-            self.lines: list[list[Pair]] = []
-
-        def _moveTo(self, pt: Pair) -> None:
-            self.lines.append([pt])
-
-        def _lineTo(self, pt: Pair) -> None:
-            self.lines[-1].append(pt)
-
-        def _curveToOne(self, pt1: Pair, pt2: Pair, pt3: Pair) -> None:
-            s = np.linspace(0.0, 1.0, CURVE_POINTS + 1)[1:, None]
-            start, first, second, end = (np.array(point) for point in (self.lines[-1][-1], pt1, pt2, pt3))
-            curve = (1 - s) ** 3 * start + 3 * (1 - s) ** 2 * s * first + 3 * (1 - s) * s**2 * second + s**3 * end
-            self.lines[-1] += [(x, y) for x, y in curve.tolist()]
-
-        def _closePath(self) -> None:
-            self.lines[-1].append(self.lines[-1][0])
-
-    pen = Collector()
-    try:
-        picture = SVGPath.fromstring(text.encode())
-        if any("transform" in element.attrib for element in picture.root.iter() if not element.tag.endswith("path")):
-            raise InputError(f"{where}: a group is moved or turned: save the picture without such transforms")
-        picture.draw(pen)
-    except (ParseError, ValueError, IndexError, KeyError, AssertionError) as error:
-        raise InputError(f"{where}: is no SVG picture that can be read ({error})") from None
-    lines = [line for line in pen.lines if len(line) > 1]
+def _picture_points(text: str, where: str) -> np.ndarray:
+    """The points (n, 2) of the one line of a picture, y upwards."""
+    lines = shown_lines(text, where)
     if len(lines) != 1:
         raise InputError(f"{where}: has {len(lines)} separate lines, a path must be one")
-    return np.array(lines[0]) * (1.0, -1.0)
+    return lines[0] * (1.0, -1.0)
 
 
 def _placed(points: np.ndarray, drawing: Drawing, where: str) -> np.ndarray:

@@ -3,6 +3,7 @@
 A file format is a tree of `Table`s. Every refusal is an `InputError` that names file, key and reason.
 """
 
+import contextlib
 import difflib
 import io
 import json
@@ -11,7 +12,7 @@ import os.path
 import re
 import tomllib
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -41,6 +42,18 @@ class InputError(Exception):
 
     def __init__(self, sentence: str) -> None:
         super().__init__(cut(sentence))
+
+
+@contextlib.contextmanager
+def naming_errors(sentence: str) -> Iterator[None]:
+    """Whatever a library raises over an input becomes an InputError: the sentence, and the library's reason."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise InputError(f"{sentence} ({reason})") from error
 
 
 def is_assumed(provenance: str) -> bool:

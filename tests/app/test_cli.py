@@ -182,10 +182,16 @@ def test_a_run_that_fails_says_why_and_leaves_nothing(folder, capsys, monkeypatc
     assert files(folder) == before
 
 
-def test_a_fault_of_our_own_is_not_dressed_up_as_wrong_input(folder, monkeypatch):
+def test_a_fault_of_our_own_is_named_as_one_and_its_traceback_kept(folder, tmp_path, capsys, monkeypatch):
     fail_with(monkeypatch, ZeroDivisionError("ours"))
-    with pytest.raises(ZeroDivisionError):
-        main(["simulate", "scene.toml", "--out", "out.csv"])
+    reports = tmp_path / "reports"
+    reports.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(reports))
+    assert main(["simulate", "scene.toml", "--out", "out.csv"]) == 1
+    (report,) = reports.iterdir()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"phd: internal error in test_cli.py, line \d+: ZeroDivisionError: ours; .* with (.*)", said)
+    assert said.endswith(str(report)) and "in broken" in report.read_text()
 
 
 def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, capsys):

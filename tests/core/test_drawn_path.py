@@ -97,7 +97,7 @@ def test_a_picture_is_placed_with_its_curves_and_y_upwards():
         (picture(""), SVG, "has 0 separate lines"),
         (picture("M 0 0 L 1"), SVG, "no SVG picture that can be read"),
         ("<svg", SVG, "no SVG picture"),
-        (picture("M0 0 L1 1", '<g transform="rotate(20)">{}</g>'), SVG, "a group is moved or turned"),
+        (picture("M0 0 L1 1", '<g transform="rotate(20">{}</g>'), SVG, "no SVG picture"),
     ],
 )
 def test_a_drawing_that_is_no_path_is_refused_in_a_sentence(text, entry, reason):
