@@ -23,7 +23,7 @@ from core.kernels.cache import tellers
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 #: Modules of app.verbs, each with `add`; in the order of `phd --help`.
-VERBS = ("new", "run", "study", "models", "folders", "bench", "machine", "bundle")
+VERBS = ("new", "run", "study", "models", "folders", "bench", "machine")
 #: Errors of the file system that mean a wrong path, not a broken disk.
 WRONG_PATH = (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError, PermissionError)
 

@@ -9,6 +9,7 @@ import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from packaging.requirements import Requirement
 
@@ -19,7 +20,7 @@ from app.session_server.preflight import check_disk
 from core.files import InputError
 from core.kernels.cache import cache_place, is_compiled, remove_unsound, why_no_room
 from core.kernels.old_versions import UNUSED_DAYS, others, size_of
-from hardware.discovery import BoardFound, SerialPort, ask_board, hid_devices, serial_ports
+from hardware.discovery import BoardFound, HidDevice, SerialPort, ask_board, hid_devices, serial_ports
 
 #: Text is laid out for these; a smaller screen would clip it.
 LEAST_SCREEN = (1280, 720)
@@ -32,12 +33,29 @@ REINSTALL = "Remove the folder .venv and run ./phd again; where pip installed th
 PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
 
 
-def examine(data_dir: Path, boards_at: Sequence[str] = ()) -> list[Check]:
-    """All checks, in the order of the report; boards are searched only at the ports named."""
-    boards = [board_check(ask_board(port)) for port in boards_at]
+class Around(NamedTuple):
+    """What is attached to this machine."""
+
+    ports: list[SerialPort]
+    boards: list[BoardFound]  # at the ports that were asked
+    hands: list[HidDevice]
+    hands_problem: str = ""  # why these cannot be listed
+
+
+def look_around(boards_at: Sequence[str] = ()) -> Around:
+    """List what is attached; boards are searched only at the ports named. InputError: there is no such port."""
+    boards, ports = [ask_board(port) for port in boards_at], serial_ports()
+    try:
+        return Around(ports, boards, hid_devices())
+    except InputError as error:
+        return Around(ports, boards, [], str(error))
+
+
+def examine(data_dir: Path, around: Around) -> list[Check]:
+    """All checks, in the order of the report."""
     checks = [
-        libraries(), *screens(), scheduling(), cores(), host(stolen_share()), load(),
-        check_disk(data_dir), kernels(), *port_checks(serial_ports()), *boards, *hid_checks(),
+        libraries(), *screens(), scheduling(), cores(), host(stolen_share()), load(), check_disk(data_dir), kernels(),
+        *port_checks(around.ports), *map(board_check, around.boards), *hand_checks(around),
     ]  # fmt: skip
     return [*checks, first_change(checks)]
 
@@ -219,23 +237,20 @@ def port_checks(ports: list[SerialPort]) -> list[Check]:
     return [
         check(
             "serial",
-            f"{port.port}: {port.name or 'not on USB'}{f' ({port.usb})' if port.usb else ''}",
+            f"{port.port}: " + (" ".join(filter(None, (port.usb, port.serial, port.name))) or "not on USB"),
             "" if port.allowed else dialout,
         )
         for port in ports
     ]
 
 
-def hid_checks() -> list[Check]:
+def hand_checks(around: Around) -> list[Check]:
     """The six-axis devices, and whether this user may open them."""
-    try:
-        devices = hid_devices()
-    except InputError as error:
-        return [check("hand", str(error), REINSTALL)]
-    if not devices:
+    if around.hands_problem:
+        return [check("hand", around.hands_problem, REINSTALL)]
+    if not around.hands:
         return [check("hand", "no six-axis device attached (the mouse serves)")]
     rule = f"Put this line into /etc/udev/rules.d/70-phd.rules and plug it in again: {UDEV_RULE}"
     return [
-        check("hand", f"{device.path}: {device.product} ({device.ids})", "" if device.allowed else rule)
-        for device in devices
+        check("hand", f"{hand.path}: {hand.ids} {hand.product}", "" if hand.allowed else rule) for hand in around.hands
     ]

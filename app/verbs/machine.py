@@ -1,13 +1,11 @@
-"""The verbs on this machine: `phd devices` lists what is attached, `phd doctor` checks whether trials can be run, `phd
-emulate` stands for a board.
+"""The verbs on this machine: `phd doctor` checks whether trials can be run, and lists what is attached; `phd emulate`
+stands for a board.
 """
 
 import argparse
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from typing import Any
 
 from app.ipc.messages import BAD
 from app.ipc.scheduling import leave_core, program_cores, take_scheduling
@@ -24,17 +22,11 @@ MARKS = {"good": ("ok", "32"), "caution": ("--", "33"), "bad": ("NO", "31")}
 
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
-        verbs, "devices", devices_verb, "list what is attached: serial ports, boards that answer, six-axis devices\n"
-        "Boards are searched only at ports named with --port; a port in use is not disturbed.\n"
-        "Exit 0: done, also where nothing is attached. Exit 1: at a named port no board answers.",
-        "phd devices --port /dev/ttyACM0", prints="what was found",
-    ).add_argument  # fmt: skip
-    option("--port", **PORTS)
-    option = add_verb(
-        verbs, "doctor", doctor_verb, "check this machine: libraries, screens, scheduling, disk, ports and hands\n"
-        "Gives advice on everything that is not as it should be. Changes nothing.\n"
+        verbs, "doctor", doctor_verb, "check this machine: libraries, screens, scheduling, disk, and what is attached\n"
+        "Lists serial ports, six-axis devices, and the boards that answer at ports named with --port; a port in use\n"
+        "is not disturbed. Gives advice on everything that is not as it should be. Changes nothing.\n"
         "Exit 0: trials can be run. Exit 1: something marked NO stands in the way.",
-        "phd doctor --data-dir data", prints="the findings",
+        "phd doctor --data-dir data --port /dev/ttyACM0", prints="the findings and what is attached",
     ).add_argument  # fmt: skip
     option("--data-dir", **DATA_DIR)
     option("--port", **PORTS)
@@ -75,33 +67,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
 
 
-def devices_verb(args: argparse.Namespace) -> int:
-    from app.doctor import describe_board
-    from hardware.discovery import ask_board, hid_devices, serial_ports
-
-    boards = [ask_board(port) for port in args.port]
-    ports, hands = serial_ports(), hid_devices()
-    found: dict[str, Sequence[Any]] = {"ports": ports, "boards": boards, "hands": hands}
-    lines = []
-    for port in ports:
-        identity = " ".join(filter(None, (port.usb, port.serial, port.name))) or "not on USB"
-        lines.append(f"serial port     {port.port}  {identity}{refused(port.allowed)}")
-    lines += [f"board           {board.port}  {board.problem or describe_board(board)}" for board in boards]
-    lines += [f"six-axis device {hand.path}  {hand.ids} {hand.product}{refused(hand.allowed)}" for hand in hands]
-    listed = {name: [item._asdict() for item in items] for name, items in found.items()}
-    print_result(args, listed, "\n".join(lines) or "nothing attached")
-    return 1 if any(board.problem for board in boards) else 0
-
-
-def refused(allowed: bool) -> str:
-    """The note behind a device that this user may not open."""
-    return "" if allowed else "  (not allowed: see phd doctor)"
-
-
 def doctor_verb(args: argparse.Namespace) -> int:
-    from app.doctor import examine
+    from app.doctor import examine, look_around
 
-    checks = examine(args.data_dir, args.port)
+    around = look_around(args.port)
+    checks = examine(args.data_dir, around)
     coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     width = max(len(check.name) for check in checks)
     lines = []
@@ -112,7 +82,8 @@ def doctor_verb(args: argparse.Namespace) -> int:
         if check.advice:
             lines.append(f"{'':{width + 6}}{check.advice}")
     found = [dict(zip(("name", "state", "found", "advice"), check, strict=True)) for check in checks]
-    print_result(args, found, "\n".join(lines))
+    attached = {name: [item._asdict() for item in getattr(around, name)] for name in ("ports", "boards", "hands")}
+    print_result(args, {"checks": found} | attached, "\n".join(lines))
     return 1 if any(check.state == BAD for check in checks) else 0
 
 

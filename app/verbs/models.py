@@ -1,4 +1,4 @@
-"""The verbs on models: `phd fit-operator`, `phd simulate` a scene, `phd identify` a brake, draw the paper's figures."""
+"""The verbs on models: `phd simulate` a scene, `phd identify` a brake, draw the paper's figures."""
 
 import argparse
 import math
@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from app.progress import watch_compiling
-from app.verbs.common import DEVICES, FOLDER, add_verb, devices_of, number_between, print_result, with_progress
+from app.verbs.common import DEVICES, add_verb, devices_of, number_between, print_result, with_progress
 from core.files import InputError
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.simulate.scene import read_scene
-from experiments.trial.population import load_population
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 #: Displays with two brakes, three, four, and four on the central axis.
@@ -20,18 +19,6 @@ MAPPED = ["er-two-brake", "three-brake", "four-brake", "pter"]
 
 
 def add(verbs: argparse._SubParsersAction) -> None:
-    option = add_verb(
-        verbs, "fit-operator", fit_operator_verb, "fit simulated operators to the recorded trials of people\n"
-        "Reads the trials that reached the end of a straight path: motion and force of the handle, path and phases,\n"
-        "nothing that a bench could not record. Prints each number with its 95 % interval and what it rests on, and\n"
-        "the numbers that cannot be seen, which stay as in --like and are marked assumed. phd study --population FILE\n"
-        "then simulates these people: one as fitted, several with mean and sd of people.",
-        "phd fit-operator data --participant 01 --out people.toml", prints="numbers and intervals",
-    ).add_argument  # fmt: skip
-    option("folder", **FOLDER)
-    option("--participant", metavar="LABEL", help="this one alone (default: everyone in the folder)")
-    option("--like", default="average", metavar="NAME|PATH", help="population of the other numbers (default: average)")
-    option("--out", type=Path, metavar="FILE.toml", help="a new population file")
     option = add_verb(
         verbs, "simulate", simulate_verb, "simulate one scene without an operator\n"
         "A scene file names a device, a brake schedule and a hand force, or a cobot and a hand force; the motion\n"
@@ -200,27 +187,3 @@ def figures_verb(args: argparse.Namespace) -> None:
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
     found += [{"name": path.stem, "shows": "a device file", "files": [str(path)]} for path in texts]
     print_result(args, found, "\n".join(f"{file}: {figure['shows']}" for figure in found for file in figure["files"]))
-
-
-def fit_operator_verb(args: argparse.Namespace) -> None:
-    from experiments.operator_fit.fit import fit_operator
-
-    like = load_population(args.like)
-    found = with_progress("fitting", fit_operator, args.folder, args.participant, args.out, like)
-    lines = []
-    for person in found:
-        lines += [
-            f"participant {person.participant}, {person.trials} trials",
-            f"{'':22}{'value':>9}{'95 % interval':>20}",
-        ]
-        for number in person.numbers:
-            interval = f"{number.low:.3g} .. {number.high:.3g}"
-            lines.append(f"{number.name:22}{number.value:9.4g}{interval:>20}  {number.rests_on}")
-        lines.append(f"not seen, assumed as in {like.name}: {', '.join(person.unseen)}")
-    people = [
-        {"participant": person.participant, "trials": person.trials, "unseen": person.unseen}
-        | {"numbers": [number._asdict() for number in person.numbers]}
-        for person in found
-    ]
-    lines += [str(args.out)] if args.out else []
-    print_result(args, {"like": like.name, "out": args.out and str(args.out), "people": people}, "\n".join(lines))

@@ -140,7 +140,7 @@ def checked_link(port: str, force: str) -> str:
         return port
     found = find_port(port)  # "auto" is looked for again for each device
     if is_missing(found):
-        raise InputError(f"--link serial:{found}: there is no such port (phd devices lists those there are)")
+        raise InputError(f"--link serial:{found}: there is no such port (phd doctor lists those there are)")
     if not force:
         return port
     from hardware.sensing.net_ft import check_force

@@ -17,7 +17,6 @@ from core.files import Table, is_assumed, parse_toml, read_text, shipped_or_file
 from experiments.trial.operator import Person
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "populations"
-ASSUMED = "assumed"  # how a source begins where no data stand behind the number
 
 #: Least and most of each number, in its unit.
 LIMITS: dict[str, tuple[float, float]] = {

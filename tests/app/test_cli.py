@@ -119,7 +119,7 @@ WRONG_ARGUMENTS = {
         ["run", "--link", "serial:x", "--input", "operator", "--print-plan"],
         "--input operator: on the bench the force sensor",
     ),
-    "no port": (["run", "--link", "serial:/dev/none"], r"serial:/dev/none: there is no such port \(phd devices lists"),
+    "no port": (["run", "--link", "serial:/dev/none"], r"serial:/dev/none: there is no such port \(phd doctor lists"),
 }  # fmt: skip
 
 

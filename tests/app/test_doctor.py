@@ -22,7 +22,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setattr(doctor, "screens", lambda: [Check("screen", GOOD, "one")])
     monkeypatch.setattr(doctor, "scheduling", lambda: Check("scheduling", GOOD, "real-time"))
     monkeypatch.setattr(doctor, "serial_ports", list)
-    monkeypatch.setattr(doctor, "hid_checks", list)
+    monkeypatch.setattr(doctor, "hid_devices", list)
     monkeypatch.setattr(doctor, "libraries", lambda: Check("libraries", GOOD, "all there"))
     monkeypatch.setattr(doctor, "kernels", lambda: Check("kernels", GOOD, "compiled"))
     return monkeypatch
@@ -30,7 +30,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(quick, tmp_path: Path, capsys) -> None:
     assert main(["doctor", "--data-dir", str(tmp_path), "--json"]) == 0
-    lines = json.loads(capsys.readouterr().out)
+    lines = json.loads(capsys.readouterr().out)["checks"]
     assert {line["name"] for line in lines} >= {"libraries", "screen", "scheduling", "cores", "Disk", "kernels"}
     quick.setattr(doctor, "scheduling", lambda: Check("scheduling", BAD, "could not be tried", "Reinstall."))
     assert main(["doctor", "--data-dir", str(tmp_path)]) == 1
@@ -161,7 +161,7 @@ def test_one_change_is_named_that_helps_most(states: dict[str, str], first: str)
 
 def test_the_report_ends_with_the_change_that_helps_most(quick, tmp_path: Path) -> None:
     quick.setattr(doctor, "stolen_share", lambda: 0.2)
-    assert doctor.examine(tmp_path)[-1].text == "what helps most: host"
+    assert doctor.examine(tmp_path, doctor.look_around())[-1].text == "what helps most: host"
 
 
 @pytest.mark.parametrize(

@@ -142,52 +142,52 @@ def test_first_use_sets_up_once_and_hands_arguments_and_exit_codes_on(tree: Tree
     assert " numba " in first and "-e ." not in first and second.endswith("-e .")
     assert tree.calls("compile") == ["compile"]
     before = tree.log.read_text()
-    again = tree.run("devices", "fails")
-    assert (again.returncode, again.stdout, again.stderr) == (7, "phd was given: devices fails\n", "")
+    again = tree.run("doctor", "fails")
+    assert (again.returncode, again.stdout, again.stderr) == (7, "phd was given: doctor fails\n", "")
     assert tree.log.read_text() == before
 
 
 def test_the_set_up_stands_where_the_kernels_cannot_be_compiled(tree: Tree) -> None:
-    done = tree.run("devices", COMPILING_FAILS="yes")
+    done = tree.run("doctor", COMPILING_FAILS="yes")
     assert done.returncode == 0 and "could not be compiled now" in done.stderr
-    assert tree.run("devices").stderr == ""
+    assert tree.run("doctor").stderr == ""
 
 
 def test_changed_pins_bring_the_environment_up_to_date(tree: Tree) -> None:
-    tree.run("devices")
+    tree.run("doctor")
     for number, name in enumerate(("constraints.txt", "pyproject.toml"), start=2):
         (tree.root / name).write_text((tree.root / name).read_text() + "# changed\n")
-        done = tree.run("devices")
+        done = tree.run("doctor")
         assert done.returncode == 0 and "bringing .venv up to date" in done.stderr
         assert (len(tree.calls("pip")), len(tree.calls("venv"))) == (2 * number, 1)
-    assert tree.run("devices").stderr == ""
+    assert tree.run("doctor").stderr == ""
 
 
 @shell
 @pytest.mark.parametrize("update", [False, True])
 def test_a_killed_set_up_or_update_is_redone_from_the_start(tree: Tree, tmp_path: Path, update: bool) -> None:
     if update:
-        tree.run("devices")
+        tree.run("doctor")
         (tree.root / "constraints.txt").write_text("numpy==0.1\n")
         tree.log.write_text("")
-    process = tree.start("devices", PIP_WAITS_FOR=str(tmp_path / "never"))
+    process = tree.start("doctor", PIP_WAITS_FOR=str(tmp_path / "never"))
     tree.wait_for_pip()
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     (tree.root / ".venv/half").touch()
     tree.log.write_text("")
-    assert tree.run("devices").stdout == "phd was given: devices\n"
+    assert tree.run("doctor").stdout == "phd was given: doctor\n"
     assert len(tree.calls("venv")) == 1 and not (tree.root / ".venv/half").exists()
 
 
 def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_path: Path) -> None:
     gate = tmp_path / "gate"
-    first = tree.start("devices", PIP_WAITS_FOR=str(gate))
+    first = tree.start("doctor", PIP_WAITS_FOR=str(gate))
     tree.wait_for_pip()
     second = tree.start("doctor")
     assert second.stderr is not None and "waiting" in second.stderr.readline()
     gate.touch()
-    assert first.communicate(timeout=120)[0] == "phd was given: devices\n"
+    assert first.communicate(timeout=120)[0] == "phd was given: doctor\n"
     assert second.communicate(timeout=120)[0] == "phd was given: doctor\n"
     assert (len(tree.calls("venv")), len(tree.calls("pip"))) == (1, 2)
 
@@ -195,49 +195,49 @@ def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_pat
 @shell
 def test_the_pip_of_a_set_up_that_was_killed_alone_is_waited_for(tree: Tree, tmp_path: Path) -> None:
     gate = tmp_path / "gate"
-    first = tree.start("devices", PIP_WAITS_FOR=str(gate))
+    first = tree.start("doctor", PIP_WAITS_FOR=str(gate))
     tree.wait_for_pip()
     os.kill(first.pid, signal.SIGKILL)
-    second = tree.start("devices")
+    second = tree.start("doctor")
     assert second.stderr is not None and "waiting" in second.stderr.readline()
     gate.touch()
-    assert second.communicate(timeout=120)[0] == "phd was given: devices\n"
+    assert second.communicate(timeout=120)[0] == "phd was given: doctor\n"
     first.communicate()
 
 
 @pytest.mark.parametrize("update", [False, True])
 def test_a_failed_set_up_is_redone_and_a_failed_update_keeps_the_environment(tree: Tree, update: bool) -> None:
     if update:
-        tree.run("devices")
+        tree.run("doctor")
         (tree.root / "constraints.txt").write_text("numpy==0.1\n")
-    failed = tree.run("devices", PIP_FAILS="1")
+    failed = tree.run("doctor", PIP_FAILS="1")
     assert (failed.returncode, failed.stdout) == (1, "") and "pip could not install" in failed.stderr
-    assert tree.run("devices").returncode == 0
+    assert tree.run("doctor").returncode == 0
     assert len(tree.calls("venv")) == (1 if update else 2)
 
 
 def test_a_moved_tree_or_another_python_is_set_up_anew(tree: Tree) -> None:
-    tree.run("devices")
+    tree.run("doctor")
     tree.root = tree.root.rename(tree.root.with_name("moved"))
-    assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 2
+    assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 2
     settings = tree.root / ".venv/pyvenv.cfg"
     settings.write_text(re.sub("home = .*", lambda _: f"home = {tree.path}", settings.read_text()))
-    assert tree.run("devices").returncode == 0 and len(tree.calls("venv")) == 3
+    assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 3
 
 
 @shell
 def test_an_environment_that_was_linked_from_elsewhere_is_the_same(tree: Tree) -> None:
-    tree.run("devices")
+    tree.run("doctor")
     elsewhere = (tree.root / ".venv").rename(tree.root.with_name("elsewhere"))
     (tree.root / ".venv").symlink_to(elsewhere)
-    done = tree.run("devices")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "phd was given: devices\n", "")
+    done = tree.run("doctor")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "phd was given: doctor\n", "")
 
 
 def test_without_python_the_launcher_says_what_to_type(tree: Tree) -> None:
     for name in ("python3", "py.cmd"):
         (tree.path / name).unlink(missing_ok=True)
-    done = tree.run("devices")
+    done = tree.run("doctor")
     assert (done.returncode, done.stdout) == (2, "")
     what = "winget install Python.Python.3.13" if WINDOWS else "apt-get install -y --no-install-recommends python3"
     assert what in done.stderr
@@ -338,7 +338,7 @@ def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, t
 def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
     assert tree.run("test", "tests/test_x.py", "-k", "a b").returncode == 0
     assert tree.calls("pytest") == ["pytest tests/test_x.py -k a b"]
-    assert tree.run("devices").stderr == ""
+    assert tree.run("doctor").stderr == ""
 
 
 @shell

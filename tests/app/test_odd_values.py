@@ -97,7 +97,7 @@ def said(data, capsys) -> str:
     texts = []
     verbs = (
         ["verify", data], ["export", data, "--csv", out / "csv", "--bids", out / "bids"],
-        ["analyze", data, "--out", out / "analysis"], ["fit-operator", data, "--out", out / "person.toml"],
+        ["analyze", data, "--out", out / "analysis"],
         ["replay", of(data) / "trials" / "run-002.parquet", "--json"],
     )  # fmt: skip
     for verb in (*verbs, "open", ["recover", data], ["verify", data]):

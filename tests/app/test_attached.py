@@ -1,4 +1,4 @@
-"""`phd devices`: nothing attached, something attached, the emulated board, a dead port, none at all."""
+"""What `phd doctor` lists: nothing attached, something attached, the emulated board, a dead port, none at all."""
 
 import json
 import os
@@ -16,8 +16,8 @@ from refusals import refusal
 
 from app import doctor
 from app.cli import main
-from app.doctor import UDEV_RULE, hid_checks, port_checks
-from app.ipc.messages import CAUTION, GOOD
+from app.doctor import UDEV_RULE, Around, hand_checks, port_checks
+from app.ipc.messages import CAUTION, GOOD, Check
 from app.verbs import run as run_verb
 from core.files import InputError
 from experiments.inputs import MOUSE
@@ -34,6 +34,9 @@ TEENSY = SimpleNamespace(device="/dev/ttyACM9", vid=0x16C0, pid=0x0483, serial_n
 def nothing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [])
     monkeypatch.setattr(discovery, "list_hid", lambda: [])
+    for slow in ("screens", "scheduling", "libraries", "kernels"):
+        well = Check(slow, GOOD, "well")
+        monkeypatch.setattr(doctor, slow, lambda well=well: [well] if well.name == "screens" else well)
     return monkeypatch
 
 
@@ -53,31 +56,42 @@ def dead_port() -> Iterator[str]:
     os.close(theirs)
 
 
-def said(capsys: pytest.CaptureFixture, *arguments: str) -> tuple[int, str]:
-    code = main(["devices", *arguments])
-    return code, capsys.readouterr().out
+def said(capsys: pytest.CaptureFixture, *arguments: str) -> tuple[int, list[str]]:
+    """The exit code, and the lines on what is attached with their advice."""
+    code = main(["doctor", "--data-dir", str(Path(os.environ["TMPDIR"], "none")), *arguments])
+    lines = capsys.readouterr().out.splitlines()
+    begins, ends = (
+        next(n for n, line in enumerate(lines) if line[4:].startswith(name)) for name in ("serial", "first")
+    )
+    return code, lines[begins:ends]
 
 
-def at_ports(_folder: Path, ports: list[str]) -> list:
-    """What the doctor says of boards alone."""
-    return [doctor.board_check(discovery.ask_board(port)) for port in ports]
+def listed(capsys: pytest.CaptureFixture, *arguments: str) -> tuple[int, dict]:
+    """The exit code, and what --json prints."""
+    code = main(["doctor", "--data-dir", str(Path(os.environ["TMPDIR"], "none")), "--json", *arguments])
+    return code, json.loads(capsys.readouterr().out)
 
 
 def test_nothing_attached_is_said_plainly_and_no_failure(nothing, capsys: pytest.CaptureFixture) -> None:
-    assert said(capsys) == (0, "nothing attached\n")
-    code, out = said(capsys, "--json")
-    assert code == 0 and json.loads(out) == {"ports": [], "boards": [], "hands": []}
-    assert [line.state for line in (*port_checks([]), *hid_checks())] == [GOOD, GOOD]
+    code, (port, hand) = said(capsys)
+    assert code == 0 and "nothing attached" in port and "no six-axis device attached" in hand
+    code, found = listed(capsys)
+    assert code == 0 and {**found, "checks": []} == {"checks": [], "ports": [], "boards": [], "hands": []}
+    assert [line.state for line in (*port_checks([]), *hand_checks(Around([], [], [])))] == [GOOD, GOOD]
 
 
 def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pytest.CaptureFixture) -> None:
     nothing.setattr("serial.tools.list_ports.comports", lambda: [TEENSY])
     nothing.setattr(discovery, "list_hid", lambda: [NAVIGATOR])
-    code, out = said(capsys)
-    port, hand = out.splitlines()
-    assert code == 0 and "/dev/ttyACM9" in port and "16c0:0483 123 USB Serial" in port
-    assert ("not allowed" in port) == (os.name == "posix")  # Windows' ports are open to all
-    assert "/dev/hidraw77" in hand and "046d:c626 SpaceNavigator" in hand
+    code, lines = said(capsys)
+    port, hand = lines[0], lines[-1]
+    assert code == 0 and "/dev/ttyACM9: 16c0:0483 123 USB Serial" in port
+    assert (port[:2] == "--") == (os.name == "posix")  # Windows' ports are open to all
+    assert "/dev/hidraw77: 046d:c626 SpaceNavigator" in hand
+    code, found = listed(capsys)
+    assert found["ports"] == [{"port": "/dev/ttyACM9", "usb": "16c0:0483", "serial": "123", "name": "USB Serial",
+                               "allowed": os.name != "posix"}]  # fmt: skip
+    assert found["hands"][0]["ids"] == "046d:c626"
 
 
 def test_a_port_that_goes_while_the_system_lists_it_is_none(nothing, capsys: pytest.CaptureFixture) -> None:
@@ -85,32 +99,30 @@ def test_a_port_that_goes_while_the_system_lists_it_is_none(nothing, capsys: pyt
         raise FileNotFoundError("/sys/class/tty/ttyACM9/device")
 
     nothing.setattr("serial.tools.list_ports.comports", vanished)
-    assert said(capsys) == (0, "nothing attached\n")
+    code, lines = said(capsys)
+    assert code == 0 and "nothing attached" in lines[0]
 
 
 def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path) -> None:
     (line,) = port_checks([discovery.SerialPort("/dev/ttyACM9", "16c0:0483", "123", "USB Serial", False)])
     assert line.state == CAUTION and (sys.platform != "linux" or "usermod -aG dialout" in line.advice)
-    nothing.setattr("app.doctor.hid_devices", lambda: [discovery.HidDevice("/dev/hidraw7", "046d:c626", "S", False)])
-    (line,) = hid_checks()
+    hand = discovery.HidDevice("/dev/hidraw7", "046d:c626", "S", False)
+    (line,) = hand_checks(Around([], [], [hand]))
     assert line.state == CAUTION and UDEV_RULE in line.advice
 
     def broken():
         raise InputError("six-axis devices cannot be read: no library")
 
     nothing.setattr("app.doctor.hid_devices", broken)
-    (line,) = hid_checks()
+    (line,) = hand_checks(doctor.look_around())
     assert line.state == CAUTION and "no library" in line.text
 
 
-def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_it(nothing, dead_port, capsys) -> None:
+def test_a_dead_port_says_that_no_board_answers_and_what_to_do_about_it(nothing, dead_port, capsys) -> None:
     nothing.setattr("hardware.serial_device.HELLO_S", 0.3)
-    code, out = said(capsys, "--port", dead_port)
-    assert code == 1 and out.splitlines() == [f"board           {dead_port}  no board answers there"]
-    nothing.setattr(doctor, "examine", at_ports)
-    assert main(["doctor", "--port", dead_port]) == 1
-    out = capsys.readouterr().out
-    assert f"NO  board  {dead_port}: no board answers there\n" in out and "that the board has power" in out
+    code, (_, board, advice, _) = said(capsys, "--port", dead_port)
+    assert code == 1 and board.startswith("NO  board ") and board.endswith(f"{dead_port}: no board answers there")
+    assert "that the board has power" in advice
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its ports are no files: a file or folder is not there as a port")
@@ -118,13 +130,12 @@ def test_a_dead_port_says_that_no_board_answers_and_the_doctor_what_to_do_about_
 def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     (tmp_path / "file").touch()
     place = str(tmp_path / "file" if what == "file" else tmp_path)
-    assert said(capsys, "--port", place) == (1, f"board           {place}  {says}\n")
+    code, found = listed(capsys, "--port", place)
+    assert code == 1 and [(board["port"], board["problem"]) for board in found["boards"]] == [(place, says)]
 
 
-@pytest.mark.parametrize("verb", ["devices", "doctor"])
-def test_a_port_that_is_not_there_is_one_sentence(verb, capsys, monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "examine", at_ports)
-    assert refusal(capsys, verb, "--port", "/dev/none") == "phd: serial port /dev/none: there is no such port\n"
+def test_a_port_that_is_not_there_is_one_sentence(capsys) -> None:
+    assert refusal(capsys, "doctor", "--port", "/dev/none") == "phd: serial port /dev/none: there is no such port\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="only POSIX systems have pseudo-terminals")
@@ -133,7 +144,7 @@ def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: py
     name = os.ttyname(theirs)
     os.close(ours)
     try:
-        told = refusal(capsys, "devices", "--port", name)
+        told = refusal(capsys, "doctor", "--port", name)
         assert told == f"phd: serial port {name}: there is no such port\n"
     finally:
         os.close(theirs)
@@ -143,18 +154,17 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing,
     emulated = Emulated(tmp_path, "--device", "three-brake", "--seed", "9")
     port = emulated.port
     monkeypatch.setattr("hardware.serial_device.HELLO_S", 60.0)
-    code, out = said(capsys, "--port", port, "--json")
-    (board,) = json.loads(out)["boards"]
+    code, found = listed(capsys, "--port", port)
+    (board,) = found["boards"]
     assert code == 0 and board["problem"] == "" and board["device"] == "three-brake"
     assert board["board"] == "EMULATED-9" and board["encoders"] == {"A": 96000, "B": 96000}
     assert set(board["brakes"]) == {"A", "E", "B"} and board["force_channels"] == 6 and board["state"] == "Idle"
     wire = discovery.Port(port)
-    code, out = said(capsys, "--port", port)
+    code, lines = said(capsys, "--port", port)
     wire.close()
-    assert code == 1 and out == f"board           {port}  another program is using it\n"
-    monkeypatch.setattr(doctor, "examine", at_ports)
-    assert main(["doctor", "--port", port]) == 0
-    assert "ok  board" in (looked := capsys.readouterr().out) and "EMULATED-9, wired to three-brake" in looked
+    assert code == 1 and f"{port}: another program is using it" in lines[1]
+    code, lines = said(capsys, "--port", port)
+    assert code == 0 and lines[1].startswith("ok  board") and "EMULATED-9, wired to three-brake" in lines[1]
     assert emulated.end() == 0
 
 

@@ -1,1 +1,0 @@
-"""A population file of simulated operators from the recorded trials of people."""
