@@ -11,8 +11,8 @@ from core.files import InputError
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "bench", bench, "measure the simulator's speed against its error\n"
-        "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo and Drake beside them where\n"
-        "they are installed (pip install -c constraints.txt '.[bench]'). The reference is checked against scipy\n"
+        "Four scenes on two bench devices, steps of 5 to 0.1 ms, each integrator; MuJoCo beside them where it\n"
+        "is installed (pip install -c constraints.txt '.[bench]'). The reference is checked against scipy\n"
         "DOP853 on Eq. (5) in the same run. Times are the least of several repeats: compare ratios, and let nothing\n"
         "else run beside it.\n"
         "--loop instead: how late the ticks of live trials of a simulated operator come on this machine, with and\n"

@@ -9,8 +9,6 @@ from typing import Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DEVICES, add_verb, devices_of, number_between, print_result, with_progress
-from core.files import InputError
-from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 from experiments.simulate.scene import read_scene
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
@@ -59,7 +57,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     option = add_verb(
         verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models\n"
-        "Besides: the shipped displays compared, the guard's stopping distances, a passive master and the Scooter.\n"
+        "Besides: the shipped displays compared, the guard's stopping distance, a passive master and the Scooter.\n"
         "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters is marked so.\n"
         "Files that exist are never overwritten. Prints the files.",
         "phd figures --out figures", prints="names, contents and files",
@@ -69,11 +67,6 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "--map", choices=("force", "steerability"),
         help="only this map: what the brakes can show at right angles to the motion, over the workspace and all "
         f"directions of motion, each device beside the others (default of --device then: {' '.join(MAPPED)})",
-    )  # fmt: skip
-    option(
-        "--lengths-within", type=number_between(0.0, 1.0, "a share between 0 and 1"), metavar="SHARE",
-        help="of --map force: beside each device the same with the base distance and link lengths, changed by at most "
-        "this share, with which its brakes show most across the motion, as a device file",
     )  # fmt: skip
     option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
 
@@ -170,20 +163,9 @@ def table_of(numbers: list[dict[str, Any]], width: int) -> list[str]:
 
 def figures_verb(args: argparse.Namespace) -> None:
     from experiments.paper_figures import draw_all
-    from experiments.paper_figures.lengths import with_better_lengths
 
     if args.map and not args.device:
         args.device = MAPPED
-    devices, texts = devices_of(args), {}
-    if args.lengths_within:
-        if args.map != "force":
-            raise InputError("--lengths-within: is for --map force alone")
-        better = [with_better_lengths(device, args.lengths_within) for device in devices]
-        texts = {args.out / f"{device.name}.toml": device.text.encode() for device in better}
-        refuse_existing_files(texts)
-        devices = [device for pair in zip(devices, better, strict=True) for device in pair]
-    drawn = with_progress("drawing", draw_all, devices, args.out, args.map, compiles=True)
-    write_new_files(texts)
+    drawn = with_progress("drawing", draw_all, devices_of(args), args.out, args.map, compiles=True)
     found = [figure._asdict() | {"files": [str(file) for file in figure.files]} for figure in drawn]
-    found += [{"name": path.stem, "shows": "a device file", "files": [str(path)]} for path in texts]
     print_result(args, found, "\n".join(f"{file}: {figure['shows']}" for figure in found for file in figure["files"]))

@@ -21,7 +21,6 @@ from core import tick_log
 from core.device import without_backlash
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
-from experiments.benchmark.drake import DrakeRun, drake_version
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
@@ -50,10 +49,10 @@ class Peer:
 
     name: str
     version: Callable[[], str | None]  # None: it is not installed
-    run: type[MujocoRun] | type[DrakeRun]
+    run: type[MujocoRun]
 
 
-PEERS = {"mujoco": Peer("MuJoCo", mujoco_version, MujocoRun), "drake": Peer("Drake", drake_version, DrakeRun)}
+PEERS = {"mujoco": Peer("MuJoCo", mujoco_version, MujocoRun)}
 
 
 @dataclass(frozen=True)

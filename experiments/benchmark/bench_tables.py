@@ -16,7 +16,6 @@ _LOOKS = {
     ("stepping", "ideal"): (BROWN, "^"),
     ("karnopp", "ideal"): (ORANGE, "v"),
     ("mujoco", "ideal"): (GREY, "D"),
-    ("drake", "ideal"): (GREY, "P"),
 }
 _SCENES_DRAWN = ("S1", "S2", "S4")  # in S3 nothing moves
 

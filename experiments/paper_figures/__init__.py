@@ -73,6 +73,7 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
     most_brakes = max(devices, key=lambda device: len(device.braked))
     everywhere = f"directions of force out of reach over the workspace: {', '.join(names)}"
     selection = f"how SDOF control chooses a brake: {most_brakes.name}"
+    stopping = Picture("stopping_distance", f"{STOPPING}: {most_brakes.name}", partial(draw_stopping, most_brakes))
     five_forces = "how proportional control chooses a brake, the five forces of Eq. (14)"
 
     def of_each_device(figure: str, shows: str, draw: Callable[[Device], Figure]) -> list[Picture]:
@@ -98,8 +99,8 @@ def pictures(devices: Sequence[Device]) -> list[Picture]:
         Picture("fig14_proportional_selection", five_forces, draw_five_forces),
     ]
     figures += of_each_device("passive_master", PASSIVE_MASTER, draw_passive_master)
-    figures += of_each_device("stopping_distance", STOPPING, draw_stopping)
-    return [*figures, Picture("scooter", "Scooter with free castors, along a path and at a wall", draw_scooter)]
+    scooter = Picture("scooter", "Scooter with free castors, along a path and at a wall", draw_scooter)
+    return [*figures, stopping, scooter]
 
 
 def pictures_of_map(which: str, devices: Sequence[Device]) -> list[Picture]:

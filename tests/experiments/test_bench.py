@@ -113,7 +113,7 @@ def test_a_peer_has_the_same_mechanism(peer, scene):
 
 def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
     """Also without a peer, which is then said not to be there."""
-    monkeypatch.setitem(PEERS, "drake", Peer("Drake", lambda: None, PEERS["drake"].run))
+    monkeypatch.setitem(PEERS, "mujoco", Peer("MuJoCo", lambda: None, PEERS["mujoco"].run))
     monkeypatch.setattr("experiments.benchmark.bench.reference_tips", reference)
     monkeypatch.setattr("experiments.benchmark.bench.bench_scenes", brief_scenes)
     assert main(["bench", "--quick", "--json", "--out", str(tmp_path / "b")]) == 0
@@ -131,8 +131,8 @@ def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
                 assert row["creep_m_s"] == 0.0
     for check in result["reference"]["checks"]:
         assert check["max_difference_m"] < (1e-12 if check["fidelity"] == "ideal" else 1e-7), check
-    assert "event" in table(result) and "Drake is not installed (pip" in table(result)
-    assert result["machine"]["drake"] is None and not any(row["integrator"] == "drake" for row in result["rows"])
+    assert "event" in table(result) and "MuJoCo is not installed (pip" in table(result)
+    assert result["machine"]["mujoco"] is None and not any(row["integrator"] == "mujoco" for row in result["rows"])
     assert work_precision(result)["pdf"].startswith(b"%PDF")
     assert (tmp_path / "b" / "work-precision.png").stat().st_size > 1000
 

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from refusals import refusal
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
@@ -12,7 +11,6 @@ from app.cli import main
 from core.device import load_device
 from core.workspace import free_tips, held_in_any_direction
 from experiments.paper_figures.directions import gaps
-from experiments.paper_figures.lengths import TIPS, mean_least_force, with_better_lengths
 from experiments.paper_figures.maps import least_across, mean_across, pushes_of, worst_across
 
 DISPLAYS = ["er-two-brake", "three-brake", "four-brake", "pter"]
@@ -87,20 +85,3 @@ def test_a_map_is_drawn_alone_with_its_displays_beside_each_other(tmp_path, caps
     assert main(list(asked)) == 0
     assert sorted(path.name for path in (tmp_path / "maps").iterdir()) == ["map_force.pdf", "map_force.png"]
     assert "er-two-brake, pter" in capsys.readouterr().out
-
-
-def test_better_lengths_lie_within_their_bounds_and_leave_no_direction_open_about_the_paths():
-    before = load_device("four-brake")
-    found = with_better_lengths(before, 0.3)
-    for was, arm in zip(before.mechanism[:2], found.mechanism[:2], strict=True):
-        for name in ("base_x", "length_1", "length_2"):
-            assert 0.7 - 1e-3 <= getattr(arm, name) / getattr(was, name) <= 1.3 + 1e-3
-    assert mean_least_force(found, np.ones(3)) > 1.2 * mean_least_force(before, np.ones(3))
-    assert worst_across(pushes_of(found, *TIPS)).min() > 0.0 == worst_across(pushes_of(before, *TIPS)).min()
-
-
-def test_lengths_that_cannot_be_better_are_refused_in_one_sentence(tmp_path, capsys):
-    asked = "figures", "--lengths-within", "0.2", "--device", "er-two-brake", "--out", tmp_path / "maps"
-    assert "no lengths so near" in refusal(capsys, *asked, "--map", "force")
-    assert "is for --map force alone" in refusal(capsys, *asked, "--map", "steerability")
-    assert not (tmp_path / "maps").exists()

@@ -9,22 +9,19 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from reference_board import COMPILER, FLAGS, SOURCES, found, made, needs_compiler
+from reference_board import COMPILER, FLAGS, SOURCES, found, needs_compiler
 
 HEADERS = sorted(SOURCES.glob("phd_*.h"))
 PARTS = sorted(SOURCES.glob("phd_*.c"))  # try_board.c is for this host alone
-AVR = ("avr-gcc", "-mmcu=atmega2560")
 #: compiler and what it is told of its processor
 PROCESSORS = {
     "this machine": ("cc",),
     "Cortex-M0": ("arm-none-eabi-gcc", "-mcpu=cortex-m0", "-mthumb"),
     "Cortex-M4": ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb"),
-    "AVR": AVR,
 }
 CPP = {
     "this machine": ("g++",),
     "Cortex-M4": ("arm-none-eabi-g++", "-mcpu=cortex-m4", "-mthumb"),
-    "AVR": ("avr-g++", "-mmcu=atmega2560"),
 }
 #: every function of the board, from C++
 CALLER = """
@@ -128,12 +125,3 @@ def test_a_program_in_cpp_is_linked_with_the_board_in_c(processor: str, tmp_path
         subprocess.run([compiler, *options, *files, "-o", tmp_path / "caller"], check=True)
     if processor == "this machine":
         assert subprocess.run([tmp_path / "caller"]).returncode == 0
-
-
-def test_where_an_int_has_16_bits_the_board_stops_after_50_ms_without_a_command(tmp_path: Path) -> None:
-    found("simavr")
-    program = made("watchdog-avr.elf")
-    run = ["simavr", "-m", "atmega2560", "-f", "16000000", program]
-    done = subprocess.run(run, capture_output=True, text=True, timeout=120)
-    said = re.findall(r"(start|watchdog|silence|late) ([\d ]+)", done.stdout + done.stderr)
-    assert said == [("start", "100"), ("watchdog", "50 0"), ("silence", "1000"), ("late", "52")]  # its way took 1 ms

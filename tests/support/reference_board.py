@@ -66,7 +66,7 @@ def found(*programs: str) -> None:
 @functools.cache
 def made(name: str, sources: Path = SOURCES) -> Path:
     """What the Makefile of the firmware makes of this name; of the project's own sources once in a process."""
-    found("make", *(("avr-gcc",) if "avr" in name else ("arm-none-eabi-gcc", "qemu-system-arm")))
+    found("make", "arm-none-eabi-gcc", "qemu-system-arm")
     _built.append(tempfile.TemporaryDirectory())
     folder = _built[-1].name
     command = ["make", "-s", "-C", SOURCES, f"SOURCES={sources}", f"BUILD={folder}", f"{folder}/{name}"]
