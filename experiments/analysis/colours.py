@@ -2,7 +2,7 @@
 
 Found by a search: any two on one ground are at least 15 units of CAM02-UCS apart, for normal sight and as protanopes,
 deuteranopes and tritanopes see them (Machado et al. 2009, severity 100 %), and each has a contrast of 3 or more with
-what is behind it. `python -m tests.benchmarks.colour_vision` prints the smallest distances.
+what is behind it (`tests/experiments/test_colours.py`).
 """
 
 from typing import NamedTuple

@@ -292,7 +292,7 @@ def rank_biserial_interval(effect: float, people: int) -> tuple[float, float]:
     """95 % score interval of a rank-biserial correlation, from the share of the ranks that are over 0 (Wilson's).
 
     Our choice: as of so many independent people that the share varies without a shift as it does, 3 n (n + 1) /
-    (2 (2 n + 1)); with half a rank of continuity. Its coverage stands in docs/judging.md.
+    (2 (2 n + 1)); with half a rank of continuity.
     """
     z, n = scipy.stats.norm.ppf(0.5 * (1.0 + LEVEL)), 1.5 * people * (people + 1) / (2 * people + 1)
     ends = []

@@ -3,14 +3,12 @@
 No figure is a limit here: machines differ.
 """
 
-import gc
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fake_client import PLAN, movement, opened, ready, running, ticks
-from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 from screens import Screens, settle
 
@@ -21,7 +19,6 @@ from app.window.run.run_page import PANELS_EVERY
 from app.window.windows import FRAME_S
 from core import tick_log
 from core.device import load_device
-from tests.benchmarks.screen_cost import LONG_MS, measure
 
 FOUR = load_device("four-brake")
 FRAME = 16  # ticks
@@ -134,16 +131,3 @@ def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:
                 assert math.dist(at[base], at[elbow]) == pytest.approx(arm.length_1)
                 assert math.dist(at[elbow], at["D"]) == pytest.approx(arm.length_2)
         assert 0 < reached < 300
-
-
-def test_the_cost_of_drawing_is_measured_and_leaves_nothing_behind(qtbot, monkeypatch) -> None:
-    monkeypatch.setattr("tests.benchmarks.screen_cost.WARM_UP_S", 0.1)
-    before, frozen = set(QApplication.topLevelWidgets()), gc.get_freeze_count()
-    cost = measure(0.3, 1280, 720, both=True)
-    assert (cost.width, cost.height) == (1280, 720) and cost.platform == "offscreen"
-    assert 0.0 < cost.p50_ms <= cost.p99_ms <= cost.max_ms and cost.frames_per_s > 0.0
-    assert 0.0 < cost.core_share_least and 0.0 < cost.core_share
-    assert cost.long_frames >= (cost.max_ms > LONG_MS)
-    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
-    gc.collect()  # the menus that plots come with
-    assert set(QApplication.topLevelWidgets()) <= before and gc.get_freeze_count() <= frozen

@@ -1,12 +1,12 @@
 """Controllers, joints and lines are told apart by people with any colour vision, on screen and on paper alike."""
 
 import pytest
+from colour_sight import SIGHTS, nearest
 
 from app.window.widgets.palette import DARK, LIGHT
 from experiments.analysis.chart_figures import colour_of
 from experiments.analysis.colours import ON_DARK, ON_LIGHT
 from experiments.paper_figures.workspace import JOINT_COLOURS
-from tests.benchmarks.colour_vision import SIGHTS, nearest
 
 LEAST_APART = 15.0  # of CAM02-UCS
 DRAWN = {

@@ -1,7 +1,4 @@
-"""How far apart the colours of controllers are, for normal sight and for three kinds of colour blindness.
-
-python -m tests.benchmarks.colour_vision
-"""
+"""How far apart colours are, for normal sight and for three kinds of colour blindness."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,8 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from colorspacious import cspace_convert
-
-from experiments.analysis.colours import ON_DARK, ON_LIGHT
 
 #: Machado et al. 2009, at full severity.
 SIGHTS = {"normal": "", "protanopia": "protanomaly", "deuteranopia": "deuteranomaly", "tritanopia": "tritanomaly"}
@@ -38,15 +33,3 @@ def nearest(colours: Sequence[str], sight: str) -> Nearest:
     places = seen(colours, sight)
     pairs = itertools.combinations(range(len(colours)), 2)
     return min(Nearest(float(np.linalg.norm(places[i] - places[j])), colours[i], colours[j]) for i, j in pairs)
-
-
-def main() -> None:
-    print(f"{'':10}{'sight':14}{'smallest distance':>18}  between")
-    for ground, colours in {"light": ON_LIGHT, "dark": ON_DARK}.items():
-        for sight in SIGHTS:
-            found = nearest(colours, sight)
-            print(f"{ground:10}{sight:14}{found.distance:18.1f}  {found.one} and {found.other}")
-
-
-if __name__ == "__main__":
-    main()
