@@ -9,10 +9,9 @@ Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input 
 is written, and importing changes nothing in your process.
 """
 
-import dataclasses
 import tempfile
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics, recorded_metrics
 from experiments.analysis.statistics import Result, configurations_of
 from experiments.analysis.statistics import statistics as _statistics
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, own_columns, read_table
+from experiments.analysis.trials_table import DICTIONARY, as_table, complete, own_columns, read_table
 from experiments.export.files import RECORDING, own_columns_described
 from experiments.protocol import load_protocol
 from experiments.recording.reader import read_recording
@@ -78,17 +77,16 @@ def run_study(
     people = load_population(population)
     load_kernels()
     chosen = with_low_gain_found(load_protocol(protocol, devices=devices, **overrides), people)
-    return _trials(
-        (row for row, _ in study_trials(chosen, people, operators)), {m.name: m.unit for m in own_metrics(chosen)}
-    )
+    trials = as_table(row for row, _ in study_trials(chosen, people, operators))
+    return _with_units(trials, {metric.name: metric.unit for metric in own_metrics(chosen)})
 
 
 def load_trials(folder: str | Path) -> pd.DataFrame:
     """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value."""
     path = Path(folder)
-    rows = read_table(path / TABLE if path.is_dir() else path)
-    sessions = sorted(path.glob("sub-*/ses-*")) if own_columns(rows) else []
-    return _trials(rows, {name: entry.unit for name, entry in own_columns_described(sessions).items()})
+    trials = read_table(path / TABLE if path.is_dir() else path)
+    sessions = sorted(path.glob("sub-*/ses-*")) if own_columns(trials) else []
+    return _with_units(trials, {name: entry.unit for name, entry in own_columns_described(sessions).items()})
 
 
 def load_recording(file: str | Path) -> pd.DataFrame:
@@ -129,8 +127,8 @@ def replay(file: str | Path, controller: int | None = None, device: str | None =
 
 def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
     """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit."""
-    rows, metric = _rows(trials), _metric(measure, trials)
-    found = _boxes(rows, metric, configurations_of(rows))
+    trials, metric = complete(trials), _metric(measure, trials)
+    found = _boxes(trials, metric, configurations_of(trials))
     index = pd.MultiIndex.from_tuples(list(found), names=["controller", "configuration"])
     frame = pd.DataFrame([box._asdict() for box in found.values()], index=index).sort_index()
     numbers = ["median", "q1", "q3", "low", "high"]
@@ -142,39 +140,20 @@ def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 def statistics(trials: pd.DataFrame) -> pd.DataFrame:
     """The statistics of `phd analyze`, a row each: means, Friedman, each pair of controllers, trends, speed."""
-    return pd.DataFrame(_statistics(_rows(trials)), columns=list(Result._fields))
+    return pd.DataFrame(_statistics(complete(trials)), columns=list(Result._fields))
 
 
 def _metric(name: str, trials: pd.DataFrame) -> Metric:
-    known = [*BY_NAME, *_own_columns(trials)]
+    known = [*BY_NAME, *own_columns(trials)]
     if name not in known:
         raise InputError(f"there is no measure {name!r}; there are {', '.join(known)}")
     unit = trials.attrs.get("units", {}).get(name, "")
     return BY_NAME.get(name) or Metric(name, unit, name, name, name, lambda _: None, unit)
 
 
-def _trials(rows: Iterable[TrialRow], own: Mapping[str, str]) -> pd.DataFrame:
+def _with_units(trials: pd.DataFrame, own: Mapping[str, str]) -> pd.DataFrame:
     """own: unit of each measure of the experiment's own file."""
-    rows = list(rows)
-    units = {name: DICTIONARY[name].unit for name in COLUMNS} | dict.fromkeys(own_columns(rows), "") | dict(own)
-    frame = pd.DataFrame([{name: row.value(name) for name in units} for row in rows], columns=list(units))
-    measured = [name for name, unit in units.items() if unit or name in BY_NAME or name not in COLUMNS]
-    frame[measured] = frame[measured].astype(float)
-    frame.attrs = {"units": units}
-    return frame
-
-
-def _own_columns(trials: pd.DataFrame) -> list[str]:
-    """Numbers beside the columns of trials.csv: measures of the experiment's own file, or of the notebook."""
-    return [str(name) for name in trials.select_dtypes("number") if name not in COLUMNS]
-
-
-def _rows(trials: pd.DataFrame) -> list[TrialRow]:
-    fields = {field.name for field in dataclasses.fields(TrialRow)}
-    places = [name for name in COLUMNS if name in trials and name in fields]
-    measures = [name for name in (*COLUMNS, *_own_columns(trials)) if name in trials and name not in fields]
-    rows = []
-    for record in trials.astype(object).where(trials.notna(), None).to_dict("records"):
-        measured = {name: record[name] for name in measures if record[name] is not None}
-        rows.append(TrialRow(**{name: record[name] for name in places}, measures=measured))
-    return rows
+    trials.attrs = {
+        "units": {name: DICTIONARY[name].unit if name in DICTIONARY else own.get(name, "") for name in trials}
+    }
+    return trials

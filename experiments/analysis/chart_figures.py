@@ -49,7 +49,7 @@ from experiments.analysis.sheet import (
     new_figure,
     small_print,
 )
-from experiments.analysis.trials_table import StudyData, TrialRow
+from experiments.analysis.trials_table import StudyData, Trials
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
@@ -83,20 +83,20 @@ SIZES = {SCREEN: Sizes(6.4, 20.0, ("png",), grows=True), JOURNAL: Sizes(COLUMN_I
 
 def draw_charts(
     shown: Sequence[Chart],
-    rows: Sequence[TrialRow],
+    trials: Trials,
     folder: Path,
     note: str,
     view: View,
     progress: Progress = no_progress,
 ) -> list[Path]:
-    """Draw each chart of these rows as PNG, SVG and PDF; the paths.
+    """Draw each chart of these trials as PNG, SVG and PDF; the paths.
 
     note: protocol and assumptions, on every figure. progress: called with the share that is drawn. InputError before
     anything is written if a file exists.
     """
     files: dict[Path, bytes] = {}
     for chart in shown:
-        figure = chart_figure(chart, rows, note, view)
+        figure = chart_figure(chart, trials, note, view)
         for form in FORMATS:
             files[folder / f"{chart.name}.{form}"] = figure_bytes(figure, form)
             progress(len(files) / (len(shown) * len(FORMATS)))
@@ -104,11 +104,11 @@ def draw_charts(
     return list(files)
 
 
-def chart_figure(chart: Chart, rows: Sequence[TrialRow], note: str, view: View) -> Figure:
+def chart_figure(chart: Chart, trials: Trials, note: str, view: View) -> Figure:
     """A figure of one chart, with what a reader must know under it."""
     boxes = len(chart.ticks) * GROUP_SHARE / (2.0 * chart.boxes[0].half) if chart.boxes else 0.0
     width = max(LEAST_WIDTH, BOX_IN * boxes)
-    texts = (" ".join(legend(chart, view)), left_out(rows, *view.timeouts_on(chart)), note)
+    texts = (" ".join(legend(chart, view)), left_out(trials, *view.timeouts_on(chart)), note)
     lines = [line for text in texts for line in textwrap.wrap(text, int((width - 0.75) * CHARACTERS_PER_INCH))]
     bottom = (0.75 + LINE_IN * len(lines)) / HEIGHT
     with matplotlib.rc_context(STYLE):
@@ -143,20 +143,22 @@ def draw_boxplots(
     pool: processes that draw as well. purpose: one of `SIZES`.
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
-    folder, rows, note = Path(out_folder), disambiguate_codes(data.rows), data.caption
-    view = View(tuple(dict.fromkeys(row.configuration for row in rows)), data.labels, timeouts=timeouts)
-    if not rows:
+    folder, trials, note = Path(out_folder), disambiguate_codes(data.trials), data.caption
+    view = View(tuple(dict.fromkeys(trials["configuration"])), data.labels, timeouts=timeouts)
+    if not len(trials):
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
     calls: list[tuple] = []
     sizes = SIZES[purpose]
-    more = max(1.0, len(controllers_shown(rows, view.names)) / 5.0) if sizes.grows else 1.0
+    more = max(1.0, len(controllers_shown(trials, view.names)) / 5.0) if sizes.grows else 1.0
     for metric in (*FIGURES, *data.own):
         name = metric.figure if data.protocol == PAPER else metric.figure.partition("_")[2]
-        calls.append((rows, [metric], sizes.single * more, note, view, [folder / f"{name}.{form}" for form in FORMATS]))
+        calls.append(
+            (trials, [metric], sizes.single * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
+        )
     # a page has room for three: of the two sums the one that does not hang on the cut
     wide = [metric for metric in (*JUDGED, *data.own) if sizes.grows or metric is not DRAWN[-1]]
     paths = [folder / f"boxplots.{form}" for form in sizes.forms_beside]
-    calls.append((rows, wide, sizes.side_by_side * more, note, view, paths))
+    calls.append((trials, wide, sizes.side_by_side * more, note, view, paths))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}
     for of_sheet in _drawn(calls, pool):
@@ -174,17 +176,17 @@ def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[dict[Path,
 
 
 def _sheet(
-    rows: Sequence[TrialRow], metrics: Sequence[Metric], width: float, note: str, view: View, paths: Sequence[Path]
+    trials: Trials, metrics: Sequence[Metric], width: float, note: str, view: View, paths: Sequence[Path]
 ) -> dict[Path, bytes]:
     """One figure as its files."""
-    figure = draw(rows, metrics, width, note, view)
+    figure = draw(trials, metrics, width, note, view)
     return {path: figure_bytes(figure, path.suffix[1:]) for path in paths}
 
 
-def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:
+def draw(trials: Trials, metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:
     """One figure with a panel for each metric."""
-    shown = controllers_shown(rows, view.names)
-    found = [pooled(rows, metric, view) for metric in metrics]
+    shown = controllers_shown(trials, view.names)
+    found = [pooled(trials, metric, view) for metric in metrics]
     inside = width_in - LEFT_IN - RIGHT_IN
     each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
     lines_of_names = [name.splitlines() for name in shown.values()]
@@ -196,7 +198,7 @@ def draw(rows: Sequence[TrialRow], metrics: Sequence[Metric], width_in: float, n
     top = TOP_IN + LABEL_IN * max(title_of(chart, each).count("\n") for chart in found)
     width, height = width_in, min(4.5, 0.6 * each + 2.6) + room
     counts = {placed.box.n for chart in found for placed in chart.boxes}
-    texts = (_method(counts), left_out(rows, view.timeouts), *note.splitlines())
+    texts = (_method(counts), left_out(trials, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
     bottom = 0.66 + LABEL_LINE_IN * len(lines) + room
     with matplotlib.rc_context(STYLE):

@@ -8,15 +8,22 @@ in grey, and is in no box.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from operator import attrgetter
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.statistics import people_of
-from experiments.analysis.trials_table import Controller, TrialRow, by_controller, to_compare
+from experiments.analysis.trials_table import (
+    Controller,
+    TrialRow,
+    Trials,
+    as_rows,
+    by_controller,
+    controllers_of,
+    to_compare,
+)
 from experiments.numbers import significant
 
 POOLED, PERSON, ORDER, SPEED, QUESTIONS = "pooled", "by_participant", "by_run", "by_speed", "questionnaire"
@@ -145,29 +152,27 @@ class AnswerSet(NamedTuple):
 
 #: How the boxes of the first configuration are drawn, of the second, ...; a fifth is as the first.
 LOOKS = ("Filled", "Open", "Hatched", "Dotted")
-Coded = TypeVar("Coded", TrialRow, AnswerSet)
 
 
-def controllers_shown(rows: Sequence[TrialRow], labels: Mapping[Controller, str]) -> dict[Controller, str]:
-    """Controller or code -> what stands under its box, in order: all that have a label, and every code of the rows."""
-    used = {row.controller for row in rows}
+def controllers_shown(trials: Trials, labels: Mapping[Controller, str]) -> dict[Controller, str]:
+    """Controller or code -> what stands under its box, in order: all that have a label, and all codes of the trials."""
+    used = controllers_of(trials)
     coded: dict[Controller, str] = {controller: controller for controller in used if isinstance(controller, str)}
     shown = coded if used and len(coded) == len(used) else {**labels, **coded}
     return {controller: shown[controller] for controller in sorted(shown, key=by_controller)}
 
 
-def disambiguate_codes(found: Sequence[Coded]) -> list[Coded]:
-    """Rows or answers whose codes name their participant, if there are several: each blind session has its own key."""
-    if len({coded.participant for coded in found if isinstance(coded.controller, str)}) < 2:
-        return list(found)
-    codes = [
-        f"P{coded.participant} {coded.controller}" if isinstance(coded.controller, str) else coded.controller
-        for coded in found
-    ]
-    return [
-        replace(coded, controller=code) if isinstance(coded, TrialRow) else coded._replace(controller=code)
-        for coded, code in zip(found, codes, strict=True)
-    ]
+def disambiguate_codes(trials: Trials) -> Trials:
+    """The trials with codes that name their participant, if there are several: each blind session has its own key."""
+    named = _with_people(trials["participant"].tolist(), trials["controller"].tolist())
+    return trials.assign(controller=named) if named != trials["controller"].tolist() else trials
+
+
+def _with_people(people: Sequence[str], controllers: Sequence[Controller]) -> list[Controller]:
+    pairs = list(zip(people, controllers, strict=True))
+    if len({who for who, controller in pairs if isinstance(controller, str)}) < 2:
+        return list(controllers)
+    return [f"P{who} {controller}" if isinstance(controller, str) else controller for who, controller in pairs]
 
 
 def names_along_axis(groups: Mapping[int | str, str]) -> list[str]:
@@ -190,12 +195,12 @@ def names_along_axis(groups: Mapping[int | str, str]) -> list[str]:
     return names
 
 
-def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = True) -> str:
+def left_out(trials: Trials, timeouts: bool = False, crosses: bool = True) -> str:
     """How many trials the boxes leave out, and why, as a caption has it; "": none.
 
     timeouts: those whose time was up are in the boxes. crosses: else they are shown above the scale.
     """
-    count = Counter(row.status for row in rows)
+    count = Counter(trials["status"])
     late, excluded = (f"{n} trial{'s' if n != 1 else ''}" for n in (count["timeout"], count["excluded"]))
     parts = []
     if count["timeout"]:
@@ -206,44 +211,49 @@ def left_out(rows: Iterable[TrialRow], timeouts: bool = False, crosses: bool = T
     return " ".join(parts)
 
 
-def charts(page: str, rows: Sequence[TrialRow], view: View, answers: Sequence[AnswerSet] = ()) -> list[Chart]:
-    """A page's charts of these rows, which are those that are chosen."""
+def charts(page: str, trials: Trials, view: View, answers: Sequence[AnswerSet] = ()) -> list[Chart]:
+    """A page's charts of these trials, which are those that are chosen."""
     if page == QUESTIONS:
-        return [_questionnaire(disambiguate_codes(answers), view)] if answers else []
-    rows = rows if page == PERSON else disambiguate_codes(rows)
+        if not answers:
+            return []
+        codes = _with_people([answer.participant for answer in answers], [answer.controller for answer in answers])
+        named = [answer._replace(controller=code) for answer, code in zip(answers, codes, strict=True)]
+        return [_questionnaire(named, view)]
+    trials = trials if page == PERSON else disambiguate_codes(trials)
     make = {POOLED: _pooled, PERSON: _by_participant, ORDER: _by_run, SPEED: _by_speed}[page]
-    return [make(rows, metric, view) for metric in view.measures]
+    return [make(trials, metric, view) for metric in view.measures]
 
 
-def pooled(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+def pooled(trials: Trials, metric: Metric, view: View) -> Chart:
     """Boxes alone, as in Figs. 16 to 18 of the paper: of each controller in each configuration that has a trial."""
-    return _pooled(rows, metric, view, least=1)._replace(points=(), others=())
+    return _pooled(trials, metric, view, least=1)._replace(points=(), others=())
 
 
 def boxes(
-    rows: Sequence[TrialRow], metric: Metric, configurations: Sequence[str], timeouts: bool = False
+    trials: Trials, metric: Metric, configurations: Sequence[str], timeouts: bool = False
 ) -> dict[tuple[Controller, str], Box]:
     """(controller, configuration) -> its box in those figures."""
-    names: dict[Controller, str] = {row.controller: "" for row in rows if isinstance(row.controller, int)}
-    chart = pooled(rows, metric, View(tuple(configurations), names, timeouts=timeouts))
+    names: dict[Controller, str] = {k: "" for k in controllers_of(trials) if isinstance(k, int)}
+    chart = pooled(trials, metric, View(tuple(configurations), names, timeouts=timeouts))
     return {(placed.controller, placed.configuration): placed.box for placed in chart.boxes}
 
 
-def _pooled(rows: Sequence[TrialRow], metric: Metric, view: View, least: int = LEAST_IN_A_BOX) -> Chart:
-    groups = controllers_shown(rows, view.names)
+def _pooled(trials: Trials, metric: Metric, view: View, least: int = LEAST_IN_A_BOX) -> Chart:
+    groups = controllers_shown(trials, view.names)
     grouping = Grouping(groups, view.configurations, attrgetter("controller", "configuration"))
-    return _boxed(POOLED, rows, metric, view, grouping, least)
+    return _boxed(POOLED, trials, metric, view, grouping, least)
 
 
-def _by_participant(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
-    controllers = [c for c in controllers_shown(rows, view.names) if any(row.controller == c for row in rows)]
+def _by_participant(trials: Trials, metric: Metric, view: View) -> Chart:
+    used = controllers_of(trials)
+    controllers = [controller for controller in controllers_shown(trials, view.names) if controller in used]
     members = [(c, configuration) for c in controllers for configuration in view.configurations]
 
     def place(row: TrialRow) -> tuple:
         return row.participant, (row.controller, row.configuration)
 
-    grouping = Grouping({who: f"P{who}" for who in people_of(rows)}, members, place)
-    return _boxed(PERSON, rows, metric, view, grouping)
+    grouping = Grouping({who: f"P{who}" for who in people_of(trials)}, members, place)
+    return _boxed(PERSON, trials, metric, view, grouping)
 
 
 class Grouping(NamedTuple):
@@ -256,7 +266,7 @@ class Grouping(NamedTuple):
 
 def _boxed(
     page: str,
-    rows: Sequence[TrialRow],
+    trials: Trials,
     metric: Metric,
     view: View,
     grouping: Grouping,
@@ -270,8 +280,8 @@ def _boxed(
         group, member = grouping.place(row)
         return _middle(order.index(group), members.index(member), len(members))
 
-    rows = [row for row in rows if row.configuration in view.configurations]
-    chart = _chart(page, rows, metric, view, lambda row: middle(row) + _beside(row.run, room))
+    shown = trials[trials["configuration"].isin(view.configurations)]
+    chart = _chart(page, shown, metric, view, lambda row: middle(row) + _beside(row.run, room))
     boxes = _boxes(((middle(point.row), point) for point in chart.points if point.row), room, least)
     ticks = tuple((float(i), name) for i, name in enumerate(names_along_axis(grouping.groups)))
     return chart._replace(ticks=ticks, span=(-0.5, max(len(order), 1) - 0.5), boxes=boxes)
@@ -301,51 +311,52 @@ def _boxes(points: Iterable[tuple[float, Point]], room: float, least: int) -> tu
     )  # fmt: skip
 
 
-def _by_run(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
-    chart = _chart(ORDER, rows, metric, view, lambda row: float(row.run))
+def _by_run(trials: Trials, metric: Metric, view: View) -> Chart:
+    chart = _chart(ORDER, trials, metric, view, lambda row: float(row.run))
     runs, values = (np.array([getattr(point, axis) for point in chart.points]) for axis in ("x", "y"))
     curve = []
     for run in np.unique(runs):
         near = values[np.abs(runs - run) <= WINDOW_RUNS]
         if len(near) >= LEAST_IN_A_BOX:
             curve.append((float(run), float(np.median(near))))
-    last = max((row.run for row in rows), default=1)
+    last = max(trials["run"], default=1)
     return chart._replace(x_title="Trial", span=(0.0, last + 1.0), curve=tuple(curve))
 
 
-def _by_speed(rows: Sequence[TrialRow], metric: Metric, view: View) -> Chart:
+def _by_speed(trials: Trials, metric: Metric, view: View) -> Chart:
     """Mean speed along the path: a trial whose time was up did not come to its end, and has none."""
-    rows = [row for row in to_compare(rows) if row.value("duration_s") and row.segment in view.lengths]
+    lengths = trials["segment"].map(view.lengths).astype(float)
+    moved = to_compare(trials[(trials["duration_s"] > 0.0) & lengths.notna()])
 
     def speed(row: TrialRow) -> float:
         return 1e3 * view.lengths[row.segment] / row.value("duration_s")
 
-    speeds = [speed(row) for row in rows] or [1.0]
-    chart = _chart(SPEED, rows, metric, view, speed)
+    speeds = [speed(row) for row in as_rows(moved)] or [1.0]
+    chart = _chart(SPEED, moved, metric, view, speed)
     return chart._replace(x_title="Mean speed (mm/s)", span=(0.95 * min(speeds), 1.05 * max(speeds)))
 
 
-def _chart(page: str, rows: Sequence[TrialRow], metric: Metric, view: View, x: Callable[[TrialRow], float]) -> Chart:
+def _chart(page: str, trials: Trials, metric: Metric, view: View, x: Callable[[TrialRow], float]) -> Chart:
     """The points of a chart: those that are compared, those whose time was up, and those that do not count."""
+    measured = trials.dropna(subset=metric.name) if metric.name in trials else trials[:0]
 
-    def points(chosen: Sequence[TrialRow]) -> tuple[Point, ...]:
+    def points(chosen: Trials) -> tuple[Point, ...]:
         found = []
-        for row in chosen:
-            value = row.value(metric.name)
-            if value is not None:
-                value *= metric.scale
-                status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
-                who = f"Participant {row.participant} · {view.name(row.controller)} · run {row.run}"
-                text = f"{who} · {significant(value)} {metric.shown_unit}{status}"
-                found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
+        for row in as_rows(chosen):
+            value = metric.scale * row.value(metric.name)
+            status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
+            who = f"Participant {row.participant} · {view.name(row.controller)} · run {row.run}"
+            text = f"{who} · {significant(value)} {metric.shown_unit}{status}"
+            found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
         return tuple(found)
 
-    late = [row for row in rows if row.status == "timeout" and not view.timeouts]
-    others = [row for row in rows if row.status not in ("done", "timeout")]
+    is_late = measured["status"] == "timeout"
+    late = measured[is_late & (not view.timeouts)]
+    others = measured[~is_late & (measured["status"] != "done")]
     content = metric.figure.partition("_")[2]
     return Chart(
         content if page == POOLED else f"{content}_{page}", metric.title, metric.shown_unit, (), "", (0.0, 1.0),
-        points(to_compare(rows, view.timeouts)), points(late), points(others),
+        points(to_compare(measured, view.timeouts)), points(late), points(others),
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ from experiments.analysis.statistics import (
     scores,
     spreads,
 )
-from experiments.analysis.trials_table import TrialRow, to_compare
+from experiments.analysis.trials_table import Trials, to_compare
 from experiments.numbers import fixed, percent, significant
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
@@ -315,12 +315,12 @@ def _verdict(evidence: Sequence[Evidence]) -> tuple[str, str]:
     return verdict, f"{count if len(evidence) > 1 else ''}{closest.judged}."
 
 
-def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
+def findings(trials: Trials, timeouts: bool = False) -> list[Finding]:
     """All eleven within each participant, for any study: of simulated operators or people, complete or not.
 
     timeouts: trials whose time was up count as well.
     """
-    ended, finished, people = to_compare(rows, timeouts), finished_share(rows), people_of(rows)
+    ended, finished, people = to_compare(trials, timeouts), finished_share(trials), people_of(trials)
     by_measure = {measure: scores(ended, measure) for measure in IN_BOXES}
     of_spread = spreads(ended, ERROR)
 
@@ -342,7 +342,7 @@ def findings(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
             return Evidence(*about, f"{BY_NAME[measure].short} without control {none}" if differences else nobody)
         return Evidence(*about, "", uncontrolled, mean_interval(np.array(differences) / uncontrolled))
 
-    return [_finding(statement, compare, configurations_of(rows)) for statement in STATEMENTS]
+    return [_finding(statement, compare, configurations_of(trials)) for statement in STATEMENTS]
 
 
 def _why_not(cells: Iterable[tuple[str, int]], measured: set[tuple], finished: Mapping[tuple, float]) -> str:
@@ -370,19 +370,17 @@ class PooledBox(NamedTuple):
 Boxes = Mapping[tuple[str, str, int], PooledBox]  # by measure, configuration and controller
 
 
-def pooled_boxes(rows: Sequence[TrialRow], timeouts: bool = False) -> dict[tuple[str, str, int], PooledBox]:
+def pooled_boxes(trials: Trials, timeouts: bool = False) -> dict[tuple[str, str, int], PooledBox]:
     """The boxes of a study; none where under 90 % of the trials reached the end. timeouts: those count as well."""
-    finished = finished_share(rows)
-    values: dict[tuple[str, str, int], list[float]] = {}
-    for row in to_compare(rows, timeouts):
-        if isinstance(row.controller, int) and finished[row.configuration, row.controller] >= LEAST_FINISHED:
+    finished = finished_share(trials)
+    boxes = {}
+    for (device, controller), cell in to_compare(trials, timeouts).groupby(["configuration", "controller"], sort=False):
+        if isinstance(controller, int) and finished[device, controller] >= LEAST_FINISHED:
             for measure in IN_BOXES:
-                if (value := row.value(measure)) is not None:
-                    values.setdefault((measure, row.configuration, row.controller), []).append(value)
-    return {
-        cell: PooledBox(*np.quantile(values_of_cell, (0.25, 0.5, 0.75), method=QUARTILE_METHOD).tolist())
-        for cell, values_of_cell in values.items()
-    }
+                if len(values := cell[measure].dropna().to_numpy()):
+                    quartiles = np.quantile(values, (0.25, 0.5, 0.75), method=QUARTILE_METHOD)
+                    boxes[measure, device, controller] = PooledBox(*quartiles.tolist())
+    return boxes
 
 
 def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0) -> list[Finding]:
@@ -409,9 +407,9 @@ def box_findings(boxes: Boxes, configurations: Sequence[str], bands: float = 1.0
     return [_finding(statement, compare, configurations) for statement in STATEMENTS]
 
 
-def box_findings_of(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Finding]:
+def box_findings_of(trials: Trials, timeouts: bool = False) -> list[Finding]:
     """All eleven by boxes, of a study's trials."""
-    return box_findings(pooled_boxes(rows, timeouts), configurations_of(rows))
+    return box_findings(pooled_boxes(trials, timeouts), configurations_of(trials))
 
 
 def _size(claim: Claim, box: PooledBox) -> float:

@@ -27,9 +27,10 @@ from experiments.analysis.statistics import (
 from experiments.analysis.trials_table import (
     COUNTED,
     StudyData,
-    TrialRow,
-    by_controller,
+    Trials,
+    controllers_of,
     csv_bytes,
+    is_coded,
     own_columns,
     to_compare,
     without_value,
@@ -49,38 +50,38 @@ def write_report(
 ) -> list[str]:
     """Write the files into `out_folder`; the warnings.
 
-    The paper's statements are tested on Table I's controllers alone. Of coded rows only the means are written: each
+    The paper's statements are tested on Table I's controllers alone. Of coded trials only the means are written: each
     blind session has a key of its own, so codes cannot be compared.
     timeouts: trials whose time was up count in the statistics.
-    recordings: where the recordings of the rows are named from, for further definitions of smoothness.
+    recordings: where the recordings of the trials are named from, for further definitions of smoothness.
     moved: how far the measures move when the trials of a sample are simulated otherwise.
     InputError before anything is written if one exists already or no trial counts.
     """
-    folder, rows = Path(out_folder), data.rows
-    if not any(row.status in COUNTED for row in rows):
+    folder, trials = Path(out_folder), data.trials
+    if not trials["status"].isin(COUNTED).any():
         raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
-    coded = any(isinstance(row.controller, str) for row in rows)
+    coded = is_coded(trials)
     refusal = why_no_findings(data.controllers, coded)
     names = {k: preset.name for k, preset in data.controllers.items()} if refusal else CONTROLLER
-    found = [] if refusal else findings(rows, timeouts)
-    by_boxes = [] if refusal else box_findings_of(rows, timeouts)
-    warned = [*warnings(rows, found, data.simulated), *without_value(rows, data.own)]
+    found = [] if refusal else findings(trials, timeouts)
+    by_boxes = [] if refusal else box_findings_of(trials, timeouts)
+    warned = [*warnings(trials, found, data.simulated), *without_value(trials, data.own, data.failed)]
     parts = {
         "note": f"{data.note[:1].upper()}{data.note[1:].rstrip('.')}",
-        "trials": report_sentences.about_trials(rows, names, timeouts),
+        "trials": report_sentences.about_trials(trials, names, timeouts),
         "warnings": "\n\n".join(f"**{warning}**" for warning in warned),
         "coded": refusal if coded else "",
         "findings": report_tables.findings_table(found, by_boxes),
     }
-    files = {"participant_means.csv": _means_csv(to_compare(rows, timeouts))}
+    files = {"participant_means.csv": _means_csv(to_compare(trials, timeouts))}
     if not coded:
         none = _uncontrolled(data)
-        results = [*statistics(rows, timeouts), *sensitivity(rows, recordings, timeouts, none or 0)]
+        results = [*statistics(trials, timeouts), *sensitivity(trials, recordings, timeouts, none or 0)]
         files["statistics.csv"] = _csv(Result._fields, results)
         parts |= _comparisons(data, results, names) if refusal else {}
         parts |= {} if none is None else _against_none(data, results, names, none)
         parts["roughness"] = report_tables.roughness_table(results, names)
-        parts["locks"] = report_tables.locks_table(rows, names)
+        parts["locks"] = report_tables.locks_table(trials, names)
         more = report_sentences.sentences(results, names, data.own)
         parts["sentences"] = "\n".join(f"- {sentence}" for sentence in more)
     if found:
@@ -154,38 +155,38 @@ def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> byte
     return _csv(header, lines)
 
 
-def _means_csv(rows: Sequence[TrialRow]) -> bytes:
+def _means_csv(trials: Trials) -> bytes:
     """One line a participant, configuration and controller: the means that the tests are made of."""
-    measures = (*MEASURES, *own_columns(rows))
-    tables = [scores(rows, measure) for measure in measures]
+    measures = (*MEASURES, *own_columns(trials))
+    tables = [scores(trials, measure) for measure in measures]
     cells = [
         (person, configuration, controller)
-        for person in people_of(rows)
-        for configuration in configurations_of(rows)
-        for controller in sorted({row.controller for row in rows}, key=by_controller)
+        for person in people_of(trials)
+        for configuration in configurations_of(trials)
+        for controller in controllers_of(trials)
     ]
     lines = [(*cell, *(t.get(cell) for t in tables)) for cell in cells if any(cell in t for t in tables)]
     return _csv(("participant", "configuration", "controller", *measures), lines)
 
 
-def warnings(rows: Sequence[TrialRow], found: Sequence[Finding], simulated: bool) -> list[str]:
+def warnings(trials: Trials, found: Sequence[Finding], simulated: bool) -> list[str]:
     """Warnings that stand before the findings: too few people, or simulated ones."""
-    few = too_few(fewest_people(rows, found))
+    few = too_few(fewest_people(trials, found))
     return ([few] if few else []) + ([SIMULATED] if simulated else [])
 
 
-def fewest_people(rows: Sequence[TrialRow], found: Sequence[Finding]) -> int:
+def fewest_people(trials: Trials, found: Sequence[Finding]) -> int:
     """On how many people the findings rest, at least."""
     compared = [comparison.found.people for finding in found for comparison in finding.evidence if comparison.found]
-    return min(compared, default=len(people_of(rows)))
+    return min(compared, default=len(people_of(trials)))
 
 
-def side_by_side(choices: Mapping[str, Sequence[TrialRow]]) -> str:
+def side_by_side(choices: Mapping[str, Trials]) -> str:
     """Markdown: the verdicts of several studies (at least one) in columns, within each participant and by boxes, then
     why those that do not hold within each participant do not.
     """
-    found = {label: findings(rows) for label, rows in choices.items()}
-    by_boxes = {label: box_findings_of(rows) for label, rows in choices.items()}
+    found = {label: findings(trials) for label, trials in choices.items()}
+    by_boxes = {label: box_findings_of(trials) for label, trials in choices.items()}
     lines = [
         (row[0].statement.number, row[0].statement.text, *(finding.verdict for finding in row))
         for row in zip(*found.values(), *by_boxes.values(), strict=True)

@@ -6,7 +6,7 @@ from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import BY_NAME, JUDGED, Metric
 from experiments.analysis.sensitivity import swapped
 from experiments.analysis.statistics import Result, finished_share, least_p_holm, people_of
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import COUNTED, Trials, is_coded
 from experiments.numbers import fixed, percent, significant
 
 DOES_NOT_COUNT = "aborted, stopped, redone, recovered, skipped or excluded"
@@ -33,29 +33,32 @@ def p_value(p: float) -> str:
 # ----------------------------------------------------------------------------------------------------------- the trials
 
 
-def about_trials(rows: Sequence[TrialRow], names: Mapping[int, str], timeouts: bool) -> str:
+def about_trials(trials: Trials, names: Mapping[int, str], timeouts: bool) -> str:
     """How many people and trials there are, and which trials did not reach the end."""
-    late = sum(row.status == "timeout" for row in rows)
-    if not late and not any(row.status == "aborted" for row in rows):
-        return f"{_how_many(rows)}; all reached the end."
+    late = (trials["status"] == "timeout").sum()
+    if not late and not _some_aborted(trials):
+        return f"{_how_many(trials)}; all reached the end."
     counted = "count in" if timeouts else "are left out of"
-    sentence = f"{_how_many(rows)}; {late} of them ran out of time and {counted} the statistics."
-    is_coded = any(isinstance(row.controller, str) for row in rows)
-    return sentence if is_coded else f"{sentence} {_reached_the_end(rows, names)}"
+    sentence = f"{_how_many(trials)}; {late} of them ran out of time and {counted} the statistics."
+    return sentence if is_coded(trials) else f"{sentence} {_reached_the_end(trials, names)}"
 
 
-def _how_many(rows: Sequence[TrialRow]) -> str:
-    people, counted = len(people_of(rows)), sum(row.status in COUNTED for row in rows)
+def _some_aborted(trials: Trials) -> bool:
+    return bool((trials["status"] == "aborted").any())
+
+
+def _how_many(trials: Trials) -> str:
+    people, counted = len(people_of(trials)), trials["status"].isin(COUNTED).sum()
     text = f"{people} participant{'s' if people != 1 else ''}, {counted} trials that count"
-    others = len(rows) - counted
+    others = len(trials) - counted
     return f"{text}, {others} that do not ({DOES_NOT_COUNT})" if others else text
 
 
-def _reached_the_end(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
-    shares = finished_share(rows)
+def _reached_the_end(trials: Trials, names: Mapping[int, str]) -> str:
+    shares = finished_share(trials)
     below = sorted((share, cell) for cell, share in shares.items() if share < 1.0)
     listed = ", ".join(f"{name_of(k, names)} on {device} {percent(share)}" for share, (device, k) in below)
-    aborted = " (aborted: not)" if any(row.status == "aborted" for row in rows) else ""
+    aborted = " (aborted: not)" if _some_aborted(trials) else ""
     others = "; all others 100 %" if len(below) < len(shares) else ""
     return f"Reached the end{aborted}: {listed}{others}."
 

@@ -6,7 +6,7 @@ from experiments.analysis.findings import CHANCE, Finding
 from experiments.analysis.metrics import JUDGED, Metric
 from experiments.analysis.report_sentences import name_of, p_value, signed
 from experiments.analysis.statistics import POOLED, Result
-from experiments.analysis.trials_table import COUNTED, TrialRow
+from experiments.analysis.trials_table import COUNTED, Trials
 from experiments.numbers import fixed, percent
 
 
@@ -93,16 +93,14 @@ def roughness_table(results: Sequence[Result], names: Mapping[int, str]) -> str:
     return markdown_table(("device", "by", *(name_of(k, names) for k in controllers)), lines)
 
 
-def locks_table(rows: Sequence[TrialRow], names: Mapping[int, str]) -> str:
+def locks_table(trials: Trials, names: Mapping[int, str]) -> str:
     """How often the rules lock or release because no brake is right, by device and controller."""
-    shares: dict[tuple[str, int | str], list[tuple[float, float]]] = {}
-    for row in rows:
-        locked, released = row.value("locked_share"), row.value("released_share")
-        if row.status in COUNTED and locked is not None and released is not None:
-            shares.setdefault((row.configuration, row.controller), []).append((locked, released))
+    counted = trials[trials["status"].isin(COUNTED)].dropna(subset=["locked_share", "released_share"])
     lines = []
-    for (device, controller), found in sorted(shares.items()):
-        locked, released = (f"{100.0 * sum(values) / len(found):.2f}" for values in zip(*found, strict=True))
-        with_lock = f"{sum(share > 0.0 for share, _ in found)} of {len(found)}"
+    for (device, controller), cell in counted.groupby(["configuration", "controller"]):
+        locked, released = (
+            f"{100.0 * sum(cell[share]) / len(cell):.2f}" for share in ("locked_share", "released_share")
+        )
+        with_lock = f"{(cell['locked_share'] > 0.0).sum()} of {len(cell)}"
         lines.append((device, name_of(controller, names), locked, released, with_lock))
     return markdown_table(("device", "controller", "locked (% of ticks)", "released (%)", "trials with a lock"), lines)

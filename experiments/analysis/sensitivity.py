@@ -8,7 +8,7 @@ the reaction time, from the tick on at which the tip has moved 1 mm.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,8 +24,8 @@ from experiments.analysis.movement import (
     weighted_amplitudes,
     without_ramp,
 )
-from experiments.analysis.statistics import Result, configurations_of
-from experiments.analysis.trials_table import TrialRow, to_compare
+from experiments.analysis.statistics import Result, configurations_of, scores
+from experiments.analysis.trials_table import Trials, by_controller, to_compare
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import Recording
 
@@ -121,31 +121,27 @@ def _from_recording(recording: Recording) -> dict[str, float | None]:
     }
 
 
-def sensitivity(
-    rows: Sequence[TrialRow], folder: Path | None = None, timeouts: bool = False, none: int = 1
-) -> list[Result]:
+def sensitivity(trials: Trials, folder: Path | None = None, timeouts: bool = False, none: int = 1) -> list[Result]:
     """The order of controllers, best first, by each definition, and how well it agrees with the first one's.
 
     Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
-    definition's order (1: the same order, -1: reversed). folder: rows name their recordings relative to it, from which
-    those of `_from_recording` are taken as well. timeouts: trials whose time was up count as well.
+    definition's order (1: the same order, -1: reversed). folder: trials name their recordings relative to it,
+    from which those of `_from_recording` are taken as well. timeouts: trials whose time was up count as well.
     Of smoothness also each controller's median over that of no control (number `none`), by each definition.
     """
-    rows = to_compare(rows, timeouts)
-    values = [{**vars(row), **row.measures} for row in rows]
-    for row, trial in zip(rows, values, strict=True):
-        if folder and row.value("duration_s"):
-            trial |= _from_recording(read_recording(folder / row.recording))
+    trials = to_compare(trials, timeouts)
+    if folder:
+        trials = _with_definitions(trials, folder)
     further = {"smoothness": tuple(SMOOTHNESS), "force": (FORCE_MOVING,)} if folder else {}
     results = []
     for thing, named in DEFINITIONS.items():
         definitions = (*named, *further.get(thing, ()))
-        for configuration in configurations_of(rows):
-            trials = [trial for trial in values if trial["configuration"] == configuration]
-            people = len({trial["participant"] for trial in trials})
-            base = _means(trials, definitions[0])
+        for configuration in configurations_of(trials):
+            here = trials[trials["configuration"] == configuration]
+            people = here["participant"].nunique()
+            base = _means(here, definitions[0])
             for definition in definitions:
-                means = _means(trials, definition)
+                means = _means(here, definition)
                 common = [controller for controller in base if controller in means]
                 if len(common) < 2:
                     continue
@@ -154,21 +150,30 @@ def sensitivity(
                 about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
                 results.append(Result(*about, tau))
                 if thing == "smoothness" and not _higher_is_better(definition):
-                    results += _roughness(trials, definition, configuration, people, none)
-    return results + _without_reaction(values) if folder else results
+                    results += _roughness(here, definition, configuration, people, none)
+    return results + _without_reaction(trials) if folder else results
 
 
-def _without_reaction(values: Sequence[Mapping]) -> list[Result]:
+def _with_definitions(trials: Trials, folder: Path) -> Trials:
+    """The trials with a column for each of `_from_recording`."""
+    measured = trials[trials["duration_s"] > 0.0]
+    found = {at: _from_recording(read_recording(folder / name)) for at, name in measured["recording"].items()}
+    columns = (*SMOOTHNESS, FORCE_MOVING, DURATION_MOVING)
+    return trials.assign(**{
+        name: np.array([found.get(at, {}).get(name) for at in trials.index], dtype=float) for name in columns
+    })  # fmt: skip
+
+
+def _without_reaction(trials: Trials) -> list[Result]:
     """What leaving the reaction time out does to a trial: the median ratio of all trials on a device."""
     results = []
-    for configuration in dict.fromkeys(trial["configuration"] for trial in values):
-        trials = [trial for trial in values if trial["configuration"] == configuration]
-        people = len({trial["participant"] for trial in trials})
+    for configuration, here in trials.groupby("configuration", sort=False):
         for measure, moving in MOVING.items():
-            ratios = [trial[moving] / trial[measure] for trial in trials if trial.get(moving) and trial.get(measure)]
-            if ratios:
-                about = ("reaction", measure, configuration, "", "", people, "median_ratio")
-                results.append(Result(*about, float(np.median(ratios))))
+            with_both = here[(here[moving] != 0.0) & (here[measure] != 0.0)].dropna(subset=[moving, measure])
+            if len(with_both):
+                ratio = float(np.median(with_both[moving] / with_both[measure]))
+                about = ("reaction", measure, configuration, "", "", here["participant"].nunique(), "median_ratio")
+                results.append(Result(*about, ratio))
     return results
 
 
@@ -178,29 +183,22 @@ def kendall_tau(first: Sequence[float], second: Sequence[float]) -> float | None
     return None if math.isnan(tau) else tau
 
 
-def _roughness(
-    values: Sequence[Mapping], definition: str, configuration: str, people: int, none: int
-) -> Iterator[Result]:
+def _roughness(trials: Trials, definition: str, configuration: str, people: int, none: int) -> Iterator[Result]:
     """How many times as rough as no control each controller is: ratio of the medians of all trials."""
-    cells: dict[int, list[float]] = {}
-    for trial in values:
-        if trial.get(definition) is not None:
-            cells.setdefault(trial["controller"], []).append(trial[definition])
-    uncontrolled = float(np.median(cells.pop(none, [0.0])))
-    for controller in sorted(cells) if uncontrolled > 0.0 else ():
+    medians = trials.dropna(subset=definition).groupby("controller")[definition].median()
+    uncontrolled = float(medians.get(none, 0.0))
+    for controller, median in medians.drop(none, errors="ignore").items() if uncontrolled > 0.0 else ():
         about = ("roughness", definition, configuration, str(controller), str(none), people, "ratio_of_medians")
-        yield Result(*about, float(np.median(cells[controller])) / uncontrolled)
+        yield Result(*about, float(median) / uncontrolled)
 
 
-def _means(values: Sequence[Mapping], definition: str) -> dict[int, float]:
+def _means(trials: Trials, definition: str) -> dict[int, float]:
     """Controller -> mean over participants of their means; less is better."""
-    cells: dict[tuple[int, str], list[float]] = {}
-    for trial in values:
-        if trial.get(definition) is not None:
-            cells.setdefault((trial["controller"], trial["participant"]), []).append(trial[definition])
     sign = -1.0 if _higher_is_better(definition) else 1.0
-    controllers = sorted({controller for controller, _ in cells})
-    return {k: sign * float(np.mean([np.mean(v) for (j, _), v in cells.items() if j == k])) for k in controllers}
+    of_people: dict[int, list[float]] = {}
+    for (_, _, controller), mean in scores(trials, definition).items():
+        of_people.setdefault(controller, []).append(mean)  # type: ignore[arg-type]
+    return {k: sign * float(np.mean(of_people[k])) for k in sorted(of_people, key=by_controller)}
 
 
 def _higher_is_better(definition: str) -> bool:

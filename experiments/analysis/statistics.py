@@ -11,7 +11,7 @@ caller decides (`trials_table.to_compare`), as in the box plots.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # its parts, of a second each, are loaded where they are first used
 
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import TRIED, Controller, TrialRow, by_controller, own_columns, to_compare
+from experiments.analysis.trials_table import TRIED, Trials, by_controller, own_columns, to_compare
 
 #: The paper's two, by device name.
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
@@ -39,6 +39,8 @@ _WORDS = (
     "Nobody is", "One participant is", "Two participants are", "Three participants are", "Four participants are",
     "Five participants are",
 )  # fmt: skip
+CELL = ["participant", "configuration", "controller"]
+TASK = [*CELL, "segment"]
 Cell = tuple[str, str, int | str]  # participant, configuration, controller
 Scores = dict[Cell, float]
 ByController = dict[int, dict[str, float]]  # controller -> participant -> mean
@@ -75,23 +77,23 @@ class Interval(NamedTuple):
         return math.isfinite(self.low) and math.isfinite(self.high)
 
 
-def statistics(rows: Sequence[TrialRow], timeouts: bool = False) -> list[Result]:
+def statistics(trials: Trials, timeouts: bool = False) -> list[Result]:
     """Every result, always in the same order. timeouts: trials whose time was up count as well."""
-    rows = to_compare(rows, timeouts)
+    trials = to_compare(trials, timeouts)
     results: list[Result] = []
-    measures = (*MEASURES, *own_columns(rows))
+    measures = (*MEASURES, *own_columns(trials))
     for measure in measures:
-        for configuration, table in by_configuration(rows, measure):
+        for configuration, table in by_configuration(trials, measure):
             results += [*means(measure, configuration, table), *friedman(measure, configuration, table)]
             results += pairs(measure, configuration, table)
     for measure in measures:
-        results += trend(rows, measure)
-    return results + error_and_speed(rows)
+        results += trend(trials, measure)
+    return results + error_and_speed(trials)
 
 
-def by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[str, ByController]]:
+def by_configuration(trials: Trials, measure: str) -> Iterator[tuple[str, ByController]]:
     """Each configuration, and all pooled if there are several: means of those who tried a controller in all of them."""
-    table, configurations, people = scores(rows, measure), configurations_of(rows), people_of(rows)
+    table, configurations, people = scores(trials, measure), configurations_of(trials), people_of(trials)
     several = [(POOLED, configurations)] if len(configurations) > 1 else []
     for name, among in [(configuration, (configuration,)) for configuration in configurations] + several:
         found: ByController = {}
@@ -103,51 +105,38 @@ def by_configuration(rows: Sequence[TrialRow], measure: str) -> Iterator[tuple[s
         yield name, found
 
 
-def people_of(rows: Iterable[TrialRow]) -> tuple[str, ...]:
-    """The participants, in the order of the rows."""
-    return tuple(dict.fromkeys(row.participant for row in rows))
+def people_of(trials: Trials) -> tuple[str, ...]:
+    """The participants, in the order of the trials."""
+    return tuple(dict.fromkeys(trials["participant"]))
 
 
-def configurations_of(rows: Iterable[TrialRow]) -> tuple[str, ...]:
+def configurations_of(trials: Trials) -> tuple[str, ...]:
     """The configurations: the paper's two first, then any others by name (participants meet them in any order)."""
-    found = {row.configuration for row in rows}
+    found = set(trials["configuration"])
     return (*(name for name in PAPER_CONFIGURATIONS if name in found), *sorted(found.difference(PAPER_CONFIGURATIONS)))
 
 
-def values_by_cell(rows: Iterable[TrialRow], column: str) -> dict[Cell, list[float]]:
-    """The values of a column by participant, configuration and controller, in the order of the rows."""
-    cells: dict[Cell, list[float]] = {}
-    for row in rows:
-        value = row.value(column)
-        if value is not None:
-            cells.setdefault((row.participant, row.configuration, row.controller), []).append(float(value))
-    return cells
-
-
-def scores(rows: Iterable[TrialRow], column: str, average: Callable = np.mean) -> Scores:
+def scores(trials: Trials, column: str, average: Callable = np.mean) -> Scores:
     """Each participant's average of a column in each cell; no entry where there is nothing to average."""
-    return {cell: float(average(values)) for cell, values in values_by_cell(rows, column).items()}
+    cells = trials.dropna(subset=column).groupby(CELL, sort=False)[column]
+    return {cell: float(average(values.to_numpy())) for cell, values in cells}
 
 
-def spreads(rows: Iterable[TrialRow], column: str) -> Scores:
+def spreads(trials: Trials, column: str) -> Scores:
     """How far each participant's trials lie from the middle of their box, on average.
 
     The middle is the median of all participants' trials of that configuration and controller, the line in the box
     plot; so the score holds both the spread within a person and the person's own distance (Brown and Forsythe).
     """
-    cells = values_by_cell(rows, column)
-    boxes = {cell[1:]: [v for other, of in cells.items() if other[1:] == cell[1:] for v in of] for cell in cells}
-    middles = {box: np.median(values) for box, values in boxes.items()}
-    return {cell: float(np.mean(np.abs(np.array(values) - middles[cell[1:]]))) for cell, values in cells.items()}
+    middles = trials.groupby(["configuration", "controller"])[column].transform("median")
+    return scores(trials.assign(**{column: (trials[column] - middles).abs()}), column)
 
 
-def finished_share(rows: Iterable[TrialRow]) -> dict[tuple[str, int | str], float]:
+def finished_share(trials: Trials) -> dict[tuple[str, int | str], float]:
     """(configuration, controller) -> share of its trials that reached the end of the path; aborted ones did not."""
-    ends: dict[tuple[str, int | str], list[bool]] = {}
-    for row in rows:
-        if row.status in TRIED:
-            ends.setdefault((row.configuration, row.controller), []).append(row.status == "done")
-    return {cell: float(np.mean(done)) for cell, done in ends.items()}
+    tried = trials[trials["status"].isin(TRIED)]
+    done = (tried["status"] == "done").groupby([tried["configuration"], tried["controller"]], sort=False)
+    return {cell: float(ended.mean()) for cell, ended in done}
 
 
 def too_few(people: int) -> str:
@@ -314,17 +303,17 @@ def _middle(values: np.ndarray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def trend(rows: Sequence[TrialRow], measure: str) -> list[Result]:
+def trend(trials: Trials, measure: str) -> list[Result]:
     """Learning or fatigue: each participant's change over ten trials, in % of their mean; its median over people.
 
     The slope over the number of the trial within each task (configuration, controller, segment): what differs
     between tasks, and between the configuration that came first and the other, cannot pass for a trend.
     """
     slopes = []
-    for person in people_of(rows):
-        of_person = [row for row in rows if row.participant == person]
-        run, value = _within_tasks(of_person, [(row.run, row.value(measure)) for row in of_person])
-        mean = np.mean([v for row in of_person if (v := row.value(measure)) is not None] or [0.0])
+    measured = trials.dropna(subset=measure)
+    for _, of_person in measured.groupby("participant", sort=False):
+        run, value = _within_tasks(of_person, "run", measure)
+        mean = np.mean(of_person[measure].to_numpy())
         if np.any(run) and mean:
             slopes.append(100.0 * TREND_TRIALS * float(run @ value / (run @ run)) / mean)
     if not slopes:
@@ -336,34 +325,30 @@ def trend(rows: Sequence[TrialRow], measure: str) -> list[Result]:
     return [result._replace(low=found.low, high=found.high, p=signed_rank_p(np.array(slopes)))]
 
 
-def _within_tasks(rows: Sequence[TrialRow], values: Sequence[tuple]) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of values less their mean in the task (participant, configuration, controller, segment); no empty ones."""
-    tasks: dict[tuple, list[tuple]] = {}
-    for row, pair in zip(rows, values, strict=True):
-        if None not in pair:
-            task = (row.participant, row.configuration, row.controller, row.segment)
-            tasks.setdefault(task, []).append(pair)
-    centred = [np.array(pairs, dtype=float) - np.mean(pairs, axis=0) for pairs in tasks.values()]
-    both = np.concatenate(centred) if centred else np.empty((0, 2))
-    return both[:, 0], both[:, 1]
+def _within_tasks(trials: Trials, *columns: str) -> np.ndarray:
+    """The columns, each less its mean in the task, task by task."""
+    tasks = [task[list(columns)].to_numpy(dtype=float) for _, task in trials.groupby(TASK, sort=False)]
+    return np.concatenate([task - task.mean(axis=0) for task in tasks]).T if tasks else np.empty((len(columns), 0))
 
 
-def _log_speed(row: TrialRow) -> float | None:
-    """Doublings of mean speed along the path, from an arbitrary zero for each segment; None unless it was finished."""
-    duration_s = row.value("duration_s")
-    return -math.log2(duration_s) if row.status == "done" and duration_s else None
+def _with_speed(trials: Trials) -> Trials:
+    """The trials that were finished, with their speed: doublings of the mean speed along the path, from an arbitrary
+    zero for each segment.
+    """
+    found = trials[(trials["status"] == "done") & (trials["duration_s"] > 0.0)].dropna(subset="path_error_m")
+    return found.assign(speed=-np.log2(found["duration_s"].to_numpy()))
 
 
-def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
+def error_and_speed(trials: Trials) -> list[Result]:
     """Path error against speed, trial by trial within a task, and each controller's error at the common speed.
 
     The slope is that of the same person in the same task, one for all; interval by bootstrap over participants.
     Adjusted: as if each participant had moved with every controller at the mean of their speeds.
     """
+    trials = _with_speed(trials)
     sums = []  # of each participant: speed * error, speed^2, error^2
-    for person in people_of(rows):
-        of_person = [row for row in rows if row.participant == person]
-        speed, error = _within_tasks(of_person, [(_log_speed(row), row.value("path_error_m")) for row in of_person])
+    for _, of_person in trials.groupby("participant", sort=False):
+        speed, error = _within_tasks(of_person, "speed", "path_error_m")
         if np.any(speed):
             sums.append((float(speed @ error), float(speed @ speed), float(error @ error)))
     if not sums:
@@ -379,25 +364,21 @@ def error_and_speed(rows: Sequence[TrialRow]) -> list[Result]:
         Result(*about, "m_per_doubling", slope, *ends),
         Result(*about, "correlation", product / spread if spread else None),
     ]
-    for configuration in configurations_of(rows):
-        results += _adjusted(rows, configuration, slope)
+    for configuration in configurations_of(trials):
+        results += _adjusted(trials[trials["configuration"] == configuration], configuration, slope)
     return results
 
 
-def _adjusted(rows: Sequence[TrialRow], configuration: str, slope: float) -> list[Result]:
-    cells: dict[tuple[Controller, str], list[tuple[float, float]]] = {}
-    for row in rows:
-        speed, error = _log_speed(row), row.value("path_error_m")
-        if row.configuration == configuration and speed is not None and error is not None:
-            cells.setdefault((row.controller, row.participant), []).append((speed, error))
-    own = {cell: np.mean(trials, axis=0) for cell, trials in cells.items()}
-    usual = {p: np.mean([mean[0] for (_, q), mean in own.items() if q == p]) for _, p in own}
+def _adjusted(trials: Trials, configuration: str, slope: float) -> list[Result]:
+    """trials: of this configuration."""
+    own = scores(trials, "speed"), scores(trials, "path_error_m")
+    usual = {p: np.mean([speed for (q, *_), speed in own[0].items() if q == p]) for p in people_of(trials)}
     results = []
-    for controller in sorted({controller for controller, _ in own}, key=by_controller):
-        by_person = {person: mean for (k, person), mean in own.items() if k == controller}
-        faster = float(np.mean([mean[0] - usual[person] for person, mean in by_person.items()]))
-        error = float(np.mean([mean[1] for mean in by_person.values()]))
-        about = ("speed", "path_error_m", configuration, f"{controller}", "", len(by_person))
+    for controller in sorted({cell[2] for cell in own[0]}, key=by_controller):
+        cells = [cell for cell in own[0] if cell[2] == controller]
+        faster = float(np.mean([own[0][cell] - usual[cell[0]] for cell in cells]))
+        error = float(np.mean([own[1][cell] for cell in cells]))
+        about = ("speed", "path_error_m", configuration, f"{controller}", "", len(cells))
         results += [
             Result(*about, "doublings_above_own_mean", faster),
             Result(*about, "mean_error", error),

@@ -1,19 +1,22 @@
-"""trials.csv: one row a trial, from its recording: its place in the plan, its status and its measures.
+"""The table of trials: what its columns are, trials.csv and back, and what is said of trials.
 
-UTF-8, comma, line feed, a header; numbers in the shortest form that reads back to the same double; an empty cell
-where there was nothing to measure. The same rows give the same bytes.
+A trial as it is closed is a `TrialRow`; a table of them is a pandas frame, which has every column of `DICTIONARY`, then
+the measures of files of one's own: whole numbers, numbers (NaN: nothing was measured) and texts. pandas takes half a
+second to load, so it is loaded where the first table is made.
+
+trials.csv: UTF-8, comma, line feed, a header; numbers in the shortest form that reads back to the same double; an empty
+cell where there is nothing. The same trials give the same bytes.
 """
 
 import csv
 import io
-import math
 import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -59,6 +62,7 @@ CLIPPED = 0.999  # of the largest force of the hand's spring
 LEAST_CLIPPED_S = 0.05  # a shorter time at it is not worth a word
 
 Controller = int | str  # a code, "K3", while the session is blind
+Trials: TypeAlias = "pd.DataFrame"  # a table of trials
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ class TrialRow:
 
     def value(self, column: str) -> Any:
         """The value of a column; None where there is none."""
-        return getattr(self, column) if column in _TEXTS or column in _WHOLE else self.measures.get(column)
+        return getattr(self, column) if column in _PLACES else self.measures.get(column)
 
     @property
     def own(self) -> dict[str, float]:
@@ -94,30 +98,31 @@ class TrialRow:
         return replace(self, recording=str(PurePosixPath(folder) / self.recording)) if self.recording else self
 
 
-def to_compare(rows: Iterable[TrialRow], timeouts: bool = False) -> list[TrialRow]:
+def to_compare(trials: Trials, timeouts: bool = False) -> Trials:
     """The trials that boxes and statistics are made of: those that reached the end of the path.
 
     Our choice: a trial that ran out of time has not been measured over the whole path, so it is counted and shown, and
     stays out unless `timeouts` asks for it. The paper reports none.
     """
-    return [row for row in rows if row.status == "done" or timeouts and row.status == "timeout"]
+    return trials[trials["status"].isin(COUNTED if timeouts else ("done",))]
 
 
 class StudyData(NamedTuple):
     """The trials of a study or of sessions, with their controllers, protocol and notes."""
 
-    rows: Sequence[TrialRow]
+    trials: Trials
     controllers: Mapping[int, Preset]  # of the protocol
     protocol: str  # its name
     caption: str  # on every figure: "settled rules, low gain 5 N s/m, parameters assumed"
     note: str  # likewise, in the report
     simulated: bool  # operators, not people, moved the handle
     own: tuple[Metric, ...] = ()  # measures of the protocol's own file
+    failed: tuple[str, ...] = ()  # why these have no value, once for each trial of which that is known
 
     @property
     def labels(self) -> dict[Controller, str]:
         """Controller of the rows -> its name in lines that fit under a box; a code has none."""
-        numbers = sorted({row.controller for row in self.rows if isinstance(row.controller, int)})
+        numbers = sorted(k for k in controllers_of(self.trials) if isinstance(k, int))
         known = {number: label(preset.name) for number, preset in self.controllers.items()}
         return {number: known.get(number, f"controller {number}") for number in numbers}
 
@@ -127,34 +132,34 @@ class DictionaryEntry(NamedTuple):
 
     meaning: str
     unit: str = ""  # "" for text, counts, and numbers without a unit
+    kind: type = float  # of its cells; a controller may be a code in place of a whole number
 
 
 _MEASURED = [(metric.name, DictionaryEntry(metric.meaning, metric.unit)) for metric in METRICS]
 _FIRST = list(BY_NAME).index("unreachable_share") + 1  # measures that came later stand at the end
 #: The columns, in their order. Measures are taken over the phase `move`; an empty cell: there was nothing to measure.
 DICTIONARY: Mapping[str, DictionaryEntry] = {
-    "participant": DictionaryEntry("label of the participant"),
-    "run": DictionaryEntry("number of the trial in its session"),
-    "block": DictionaryEntry("block within the configuration"),
-    "configuration": DictionaryEntry("name of the device"),
+    "participant": DictionaryEntry("label of the participant", kind=str),
+    "run": DictionaryEntry("number of the trial in its session", kind=int),
+    "block": DictionaryEntry("block within the configuration", kind=int),
+    "configuration": DictionaryEntry("name of the device", kind=str),
     "controller": DictionaryEntry(
-        "controller by its number in the protocol, or by its code while the session is blind"
+        "controller by its number in the protocol, or by its code while the session is blind", kind=int
     ),
-    "segment": DictionaryEntry("number of the path"),
-    "repetition": DictionaryEntry("how often this cell of the plan has come, from 1"),
-    "status": DictionaryEntry("how the trial ended"),
+    "segment": DictionaryEntry("number of the path", kind=int),
+    "repetition": DictionaryEntry("how often this cell of the plan has come, from 1", kind=int),
+    "status": DictionaryEntry("how the trial ended", kind=str),
     **dict(_MEASURED[:_FIRST]),
-    "recording": DictionaryEntry("file of the recording, relative to this file"),
+    "recording": DictionaryEntry("file of the recording, relative to this file", kind=str),
     "energy_residual_J": DictionaryEntry("what the energy ledger of the trial leaves unexplained", "J"),
     "energy_added_max_J": DictionaryEntry("the most energy that any brake added in a step: must be none", "J"),
     **dict(_MEASURED[_FIRST:]),
     "controller_name": DictionaryEntry(
-        "controller by its name in the protocol, or by its code while the session is blind"
+        "controller by its name in the protocol, or by its code while the session is blind", kind=str
     ),
 }
 COLUMNS = tuple(DICTIONARY)
-_WHOLE = ("run", "block", "controller", "segment", "repetition")  # whole; a controller may be a code
-_TEXTS = ("participant", "configuration", "status", "recording", "controller_name")
+_PLACES = tuple(name for name, entry in DICTIONARY.items() if entry.kind is not float)  # fields of a row
 _LEDGER = ("energy_residual_J", "energy_added_max_J")
 _FIRST_VERSION = COLUMNS[: COLUMNS.index("recording") + 1]  # the columns of the first version: any table has them
 _ALWAYS_WRITTEN = COLUMNS[: COLUMNS.index(_LEDGER[-1]) + 1]  # any later one: only where some trial has a value
@@ -184,58 +189,78 @@ def by_controller(controller: int | str) -> tuple[bool, int, int | str]:
     return (True, len(controller), controller) if isinstance(controller, str) else (False, 0, controller)
 
 
-def _cell(column: str, value: object) -> str:
-    """A value as it stands in the file. ValueError for one that the column cannot have."""
-    if column in _TEXTS or column == "controller" and is_code(value):
-        if isinstance(value, str):
-            return value
-        if column == "controller_name" and value is None:
-            return ""
-    elif column in _WHOLE:
-        if isinstance(value, int | np.integer) and not isinstance(value, bool):
-            if _WHOLE_NUMBER.fullmatch(digits := str(int(value))):
-                return digits
-    elif value is None:
-        return ""
-    elif isinstance(value, int | float | np.number) and np.isfinite(value):
-        return repr(float(value))
-    raise ValueError(f"trials table: {column} cannot be {value!r}")
+def _check(column: str, value: object) -> None:
+    """ValueError for a value that the column cannot have."""
+    kind = DICTIONARY[column].kind if column in DICTIONARY else float
+    if kind is str or column == "controller" and is_code(value):
+        fits = isinstance(value, str) or column == "controller_name" and value is None
+    elif kind is int:
+        is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        fits = is_whole and _WHOLE_NUMBER.fullmatch(str(value)) is not None
+    else:
+        fits = value is None or isinstance(value, int | float | np.number) and bool(np.isfinite(value))
+    if not fits or column == "status" and value not in STATUSES:
+        raise ValueError(f"trials table: {column} cannot be {value!r}")
 
 
-def _value(column: str, cell: str) -> Any:
-    """The value of a cell; None where there is none. ValueError for a cell that `_cell` never writes."""
-    if column in _TEXTS or column == "controller" and is_code(cell):
-        return cell
-    if column in _WHOLE:
-        if not _WHOLE_NUMBER.fullmatch(cell):
-            raise ValueError(cell)
-        return int(cell)
-    if cell and not (_NUMBER.fullmatch(cell) and math.isfinite(float(cell))):
-        raise ValueError(cell)
-    return float(cell) if cell else None
-
-
-def table_bytes(rows: Iterable[TrialRow]) -> bytes:
-    """The rows as they stand in the file: a later measure has a column where some trial has it."""
+def as_table(rows: Iterable[TrialRow]) -> Trials:
+    """Rows as a table. ValueError for one that no table can hold."""
     rows = list(rows)
-    columns = _columns_of(rows)
-    return csv_bytes([columns, *(_cells(row, columns) for row in rows)])
+    for row in rows:
+        for column, value in {**{name: row.value(name) for name in _PLACES}, **row.measures}.items():
+            _check(column, value)
+    own = sorted({name for row in rows for name in row.own})
+    return _typed({name: [row.value(name) for row in rows] for name in (*COLUMNS, *own)})
 
 
-def own_columns(rows: Iterable[TrialRow]) -> list[str]:
-    """The measures of files of one's own that some row has."""
-    return sorted({name for row in rows for name in row.own})
+def as_rows(trials: Trials) -> list[TrialRow]:
+    """A table as rows."""
+    places = [each.name for each in fields(TrialRow) if each.name in _PLACES]
+    values = trials[places].astype(object).where(trials[places].notna(), None)
+    numbers = trials[[name for name in trials if name not in _PLACES]]
+    return [
+        TrialRow(**place, measures={name: value for name, value in measured.items() if value == value})
+        for place, measured in zip(values.to_dict("records"), numbers.to_dict("records"), strict=True)
+    ]
 
 
-def _columns_of(rows: Sequence[TrialRow]) -> tuple[str, ...]:
-    later = [name for name in COLUMNS[len(_ALWAYS_WRITTEN) :] if any(row.value(name) is not None for row in rows)]
-    return (*_ALWAYS_WRITTEN, *later, *own_columns(rows))
+def _typed(columns: Mapping[str, Sequence]) -> Trials:
+    """Columns with the types of `DICTIONARY`; those that are not there hold nothing."""
+    import pandas as pd
+
+    frame = {}
+    for name, values in columns.items():
+        kind = DICTIONARY[name].kind if name in DICTIONARY else float
+        is_coded = kind is int and any(isinstance(value, str) for value in values)
+        frame[name] = pd.Series(values, dtype=object if is_coded else kind)
+    return complete(pd.DataFrame(frame))
 
 
-def _cells(row: TrialRow, columns: Sequence[str]) -> list[str]:
-    if row.status not in STATUSES:
-        raise ValueError(f"trials table: status {row.status!r} is not one of {', '.join(STATUSES)}")
-    return [_cell(column, row.value(column)) for column in columns]
+def complete(trials: Trials) -> Trials:
+    """The table with every column of `DICTIONARY`, first and in their order; those that it lacks hold nothing."""
+    return trials.reindex(columns=[*COLUMNS, *(name for name in trials if name not in DICTIONARY)])
+
+
+def table_bytes(trials: Trials) -> bytes:
+    """The table as it stands in the file: a later measure has a column where some trial has it."""
+    later = [name for name in COLUMNS[len(_ALWAYS_WRITTEN) :] if trials[name].notna().any()]
+    return frame_bytes(trials[[*_ALWAYS_WRITTEN, *later, *own_columns(trials)]])
+
+
+def own_columns(trials: Trials) -> list[str]:
+    """The measures of files of one's own that some trial has."""
+    own = [name for name in trials.select_dtypes("number") if name not in DICTIONARY]
+    return sorted(name for name in own if trials[name].notna().any())
+
+
+def controllers_of(trials: Trials) -> list[Controller]:
+    """The controllers and codes, in their order."""
+    return sorted(dict.fromkeys(trials["controller"].tolist()), key=by_controller)
+
+
+def is_coded(trials: Trials) -> bool:
+    """Whether some trial is of a blind session."""
+    return any(isinstance(controller, str) for controller in controllers_of(trials))
 
 
 def csv_bytes(lines: Iterable[Sequence[object]], delimiter: str = ",") -> bytes:
@@ -250,13 +275,13 @@ def frame_bytes(frame: "pd.DataFrame") -> bytes:
     return frame.to_csv(index=False, lineterminator="\n").encode()
 
 
-def write_table(path: str | Path, rows: Iterable[TrialRow], replacing: bool = False) -> None:
+def write_table(path: str | Path, trials: Trials, replacing: bool = False) -> None:
     """Write a whole table in one step: a reader finds the old one or the new one, after a crash too.
 
     InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
     """
     write = replace_file if replacing else write_new_file
-    write(Path(path), table_bytes(rows), sync=True)
+    write(Path(path), table_bytes(trials), sync=True)
 
 
 def append_row(
@@ -264,27 +289,23 @@ def append_row(
 ) -> bytes:
     """Add a row at the end, making the table if there is none; the rows before are kept as they are.
 
-    Returns the new content of the file. known: the content that the last call returned; a file that still has it is not
-    read row by row again. names: of the controllers, for rows of an earlier version's table, which has no such column.
+    Returns the new content of the file. known: the content that the last call returned, which is as it should be.
+    names: of the controllers, for rows of an earlier version's table, which has no such column.
     """
     path = Path(path)
     content = path.read_bytes() if path.exists() else b""
-    columns = content.partition(b"\n")[0].decode(errors="replace").split(",")
-    if content and content == known and set(_columns_of([row])) <= set(columns):
-        data = content + csv_bytes([_cells(row, columns)])
-    else:
-        before = read_table(path) if content else []
-        if before and content != table_bytes(before):
-            raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
-        data = table_bytes([*(with_name(earlier, names or {}) for earlier in before), row])
+    before = read_table(path) if content else as_table([])
+    if len(before) and content != known and content != table_bytes(before):
+        raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
+    data = table_bytes(as_table([*(with_name(earlier, names or {}) for earlier in as_rows(before)), row]))
     replace_file(path, data, sync)
     return data
 
 
-def read_table(path: str | Path) -> list[TrialRow]:
-    """The rows of a table, with their types. InputError if there are none.
+def read_table(path: str | Path) -> Trials:
+    """The table of a file. InputError if there is none, or for a cell that is none of its column.
 
-    Numbers in a column that is not known are a measure of a file of one's own; texts in one are passed over.
+    A column of numbers that is not known is a measure of a file of one's own; any other that is not is passed over.
     """
     path = Path(path)
     refuse_no_file(path)
@@ -297,28 +318,35 @@ def read_table(path: str | Path) -> list[TrialRow]:
         raise InputError(f"{path}: the table cannot be read: {error}") from None
     if not lines or tuple(lines[0][: len(_FIRST_VERSION)]) != _FIRST_VERSION:
         raise InputError(f"{path}: the first line does not name the columns of a trials table")
-    return [_row(path, number, lines[0], cells) for number, cells in enumerate(lines[1:], start=2)]
+    header, *rows = lines
+    for number, cells in enumerate(rows, start=2):
+        if len(cells) != len(header):
+            raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
+    table: dict[str, list] = {}
+    for name, *cells in zip(*lines, strict=True):
+        values = [_value(name, cell) for cell in cells]
+        if name in DICTIONARY and _WRONG in values:
+            wrong = values.index(_WRONG)
+            kind = f"none of {', '.join(STATUSES)}" if name == "status" else "not a number"
+            raise InputError(f"{path}: line {wrong + 2}: {name} = {cells[wrong]!r} is {kind}")
+        if name in DICTIONARY or NAME.fullmatch(name) and any(cells) and _WRONG not in values:
+            table[name] = values
+    return _typed(table)
 
 
-def _row(path: Path, number: int, header: Sequence[str], cells: Sequence[str]) -> TrialRow:
-    if len(cells) != len(header):
-        raise InputError(f"{path}: line {number} has {len(cells)} cells, not {len(header)}")
-    fields: dict[str, Any] = {}
-    measures: dict[str, float] = {}
-    for column, cell in zip(header, cells, strict=True):
-        try:
-            value = _value(column, cell)
-        except ValueError:
-            if column in DICTIONARY:
-                raise InputError(f"{path}: line {number}: {column} = {cell!r} is not a number") from None
-            continue
-        if column in _TEXTS or column in _WHOLE:
-            fields[column] = value
-        elif value is not None and (column in DICTIONARY or NAME.fullmatch(column)):
-            measures[column] = value
-    if fields["status"] not in STATUSES:
-        raise InputError(f"{path}: line {number}: status {fields['status']!r} is none of {', '.join(STATUSES)}")
-    return TrialRow(**fields, measures=measures)
+_WRONG = object()
+
+
+def _value(column: str, cell: str) -> object:
+    """The value of a cell; None where there is none, `_WRONG` for one that no table has there."""
+    kind = DICTIONARY[column].kind if column in DICTIONARY else float
+    if kind is str or column == "controller" and is_code(cell):
+        return cell if column != "status" or cell in STATUSES else _WRONG
+    if kind is int:
+        return int(cell) if _WHOLE_NUMBER.fullmatch(cell) else _WRONG
+    if not cell:
+        return None
+    return float(cell) if _NUMBER.fullmatch(cell) and np.isfinite(float(cell)) else _WRONG
 
 
 #: What the metadata of a recording must hold: its place in the plan, in the order of a row, and its path.
@@ -376,17 +404,17 @@ def measure(
     return {name: value for name, value in found.items() if value is not None}, failed
 
 
-def without_value(rows: Iterable[TrialRow], own: Iterable[Metric]) -> list[str]:
+def without_value(trials: Trials, own: Iterable[Metric], failed: Iterable[str] = ()) -> list[str]:
     """A sentence for each measure that some trial that counts lacks, then the reasons that are known.
 
-    Trials of blind sessions are left out: their tables hold no such measure.
+    Trials of blind sessions are left out: their tables hold no such measure. failed: a reason for each trial.
     """
-    counted = [row for row in rows if row.status in COUNTED and isinstance(row.controller, int)]
-    lacking = {metric.title: sum(metric.name not in row.measures for row in counted) for metric in own}
+    is_blind = trials["controller"].map(lambda controller: isinstance(controller, str)).astype(bool)
+    counted = trials[trials["status"].isin(COUNTED) & ~is_blind]
+    lacking = {m.title: int(counted[m.name].isna().sum()) if m.name in counted else len(counted) for m in own}
     of = f"of {len(counted)} trials that count"
     sentences = [f"{title} has no value in {n} {of}." for title, n in lacking.items() if n]
-    reasons = Counter(reason for row in counted for reason in row.failed.values())
-    return [*sentences, *(f"{reason}, in {n} trial{'s' if n != 1 else ''}." for reason, n in reasons.items())]
+    return [*sentences, *(f"{why}, in {n} trial{'s' if n != 1 else ''}." for why, n in Counter(failed).items())]
 
 
 def check_named(recording: "Recording") -> None:
@@ -404,7 +432,7 @@ def check_named(recording: "Recording") -> None:
     values += [(name, outcome[name]) for name in _LEDGER if name in outcome]
     for column, value in values:
         try:
-            _cell(column, value)
+            _check(column, value)
         except (ValueError, TypeError, OverflowError):
             raise InputError(f"{recording.path}: {column} cannot be {value!r}") from None
     if outcome["status"] not in list(STATUSES):  # it may be anything

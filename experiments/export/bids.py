@@ -23,7 +23,15 @@ import numpy as np
 
 from core.files import InputError
 from experiments.analysis.movement import SAMPLE_RATE_HZ
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, STATUSES, DictionaryEntry, TrialRow, table_bytes
+from experiments.analysis.trials_table import (
+    COLUMNS,
+    DICTIONARY,
+    STATUSES,
+    DictionaryEntry,
+    TrialRow,
+    as_table,
+    table_bytes,
+)
 from experiments.export.files import (
     PHASE_LEVELS,
     Exported,
@@ -231,7 +239,7 @@ def _channels(trial: ExportedTrial) -> tuple[list[_Channel], dict[str, np.ndarra
                 meaning = f"1: the brake at joint {joint} is stuck, 0: it is not"
                 channels.append(_Channel(f"stuck_{joint}", description=meaning))
             continue
-        meaning, unit = recording_column(name, recording.metadata.get("command_unit", "A"))
+        meaning, unit, _ = recording_column(name, recording.metadata.get("command_unit", "A"))
         meaning += ": the code of a word in Decisions of _motion.json" if name == "decision" else ""
         columns[name] = recording.column(name)
         if name == "t_s":
@@ -312,15 +320,18 @@ def _seconds(value: float) -> str:
 
 def _cells(row: TrialRow) -> dict[str, str]:
     """A row of trials.csv as a scans table shows it, by column."""
-    [cells] = csv.DictReader(table_bytes([row]).decode().splitlines())
+    [cells] = csv.DictReader(table_bytes(as_table([row])).decode().splitlines())
     return cells
 
 
 def _scan_column(name: str, entry: DictionaryEntry, levels: dict[str, str]) -> dict[str, Any]:
     """levels: cell -> words, of a column that names one of a few things."""
-    meaning, unit = entry
     levels = STATUSES if name == "status" else levels
-    return {"Description": meaning, **({"Units": unit} if unit else {}), **({"Levels": levels} if levels else {})}
+    return {
+        "Description": entry.meaning,
+        **({"Units": entry.unit} if entry.unit else {}),
+        **({"Levels": levels} if levels else {}),
+    }
 
 
 _CHANNELS_JSON = {

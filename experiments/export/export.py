@@ -22,6 +22,7 @@ from experiments.analysis.trials_table import (
     STATUSES,
     DictionaryEntry,
     TrialRow,
+    as_table,
     check_named,
     row_of,
     write_table,
@@ -233,7 +234,7 @@ class CsvTables:
 
     def finish(self, exported: Exported) -> None:
         order = sorted((*self._rows, *exported.unrecorded), key=lambda row: (row.participant, row.run))
-        write_table(self.folder / "trials.csv", order)
+        write_table(self.folder / "trials.csv", as_table(order))
         tables: dict[str, Mapping[str, DictionaryEntry]] = {
             "trials.csv": {**DICTIONARY, **own_columns_described(exported.sessions)},
             f"sub-*/ses-*/run-*{self._suffix}": self._columns,
@@ -248,8 +249,8 @@ class CsvTables:
 
 def _described(columns: Mapping[str, DictionaryEntry]) -> dict[str, dict]:
     entries: dict[str, dict[str, Any]] = {}
-    for name, (meaning, unit) in columns.items():
+    for name, entry in columns.items():
         more = f" ({DECISION_READING})" if name == "decision" else ""
-        entries[name] = {"unit": unit, "description": meaning + more}
+        entries[name] = {"unit": entry.unit, "description": entry.meaning + more}
         entries[name] |= {"levels": _LEVELS[name]} if name in _LEVELS else {}
     return entries

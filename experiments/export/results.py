@@ -18,7 +18,17 @@ from experiments.analysis.report import warnings
 from experiments.analysis.report_sentences import sentences
 from experiments.analysis.sensitivity import sensitivity
 from experiments.analysis.statistics import statistics
-from experiments.analysis.trials_table import Controller, TrialRow, read_table, to_compare, without_value
+from experiments.analysis.trials_table import (
+    Controller,
+    TrialRow,
+    Trials,
+    as_table,
+    controllers_of,
+    is_coded,
+    read_table,
+    to_compare,
+    without_value,
+)
 from experiments.export.files import answers_and_notes
 from experiments.protocol import Protocol, label
 from experiments.recording.atomic_files import reading_stored
@@ -31,8 +41,8 @@ class Results(NamedTuple):
     """The results of a data folder."""
 
     folder: Path
+    trials: Trials  # recordings are named from the folder
     sessions: tuple[Path, ...] = ()
-    rows: tuple[TrialRow, ...] = ()  # recordings are named from the folder
     answers: tuple[AnswerSet, ...] = ()
     planned: dict[str, int] = {}  # participant -> trials of the plan
     controllers: dict[int, Preset] = {}
@@ -55,24 +65,24 @@ class Conclusions(NamedTuple):
 
 
 def conclude(
-    rows: Sequence[TrialRow], controllers: Mapping[int, Preset], timeouts: bool = False, simulated: bool = False,
+    trials: Trials, controllers: Mapping[int, Preset], timeouts: bool = False, simulated: bool = False,
     own: Sequence[Metric] = (),
 ) -> Conclusions:  # fmt: skip
-    """Findings and statistics of these rows; of codes nothing is compared.
+    """Findings and statistics of these trials; of codes nothing is compared.
 
     timeouts: they count as well. simulated: operators, not people, moved the handle. own: measures of the protocols'
     own files.
     """
-    coded = any(isinstance(row.controller, str) for row in rows)
+    coded = is_coded(trials)
     refusal = why_no_findings(controllers, coded)
-    if not to_compare(rows, timeouts):
+    if not len(to_compare(trials, timeouts)):
         return Conclusions("No trial is done: there is nothing to compare yet.", (), (), ())
     if coded:
         return Conclusions(refusal, (), (), ())
-    found = () if refusal else tuple(findings(rows, timeouts))
+    found = () if refusal else tuple(findings(trials, timeouts))
     names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
-    judged = sentences([*statistics(rows, timeouts), *sensitivity(rows, timeouts=timeouts)], names, own)
-    warned = (*warnings(rows, found, simulated), *without_value(rows, own))
+    judged = sentences([*statistics(trials, timeouts), *sensitivity(trials, timeouts=timeouts)], names, own)
+    warned = (*warnings(trials, found, simulated), *without_value(trials, own))
     return Conclusions(refusal, found, tuple(judged), warned)
 
 
@@ -86,9 +96,9 @@ def read_results(folder: Path) -> Results:
         if sessions := sessions_in(folder):
             return _of_sessions(folder, sessions)
     if (folder / TABLE).exists():
-        rows = tuple(read_table(folder / TABLE))
-        return Results(folder, (), rows, labels=_labels(rows), configurations=_configurations(rows))
-    return Results(folder)
+        trials = read_table(folder / TABLE)
+        return Results(folder, trials, labels=_labels(trials), configurations=_configurations(trials))
+    return Results(folder, as_table([]))
 
 
 def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
@@ -98,6 +108,7 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
         place = Path(os.path.relpath(session, folder)).as_posix()
         with _noting(problems):
             rows += [row.in_folder(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
+    trials = as_table(rows)
     planned, protocols = _plans_and_protocols(sessions, problems)
     own: dict[str, Metric] = {}
     for protocol in protocols:
@@ -114,13 +125,13 @@ def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
     devices = dict.fromkeys(device.name for protocol in protocols for device in protocol.devices)
     return Results(
         folder,
+        trials,
         tuple(sessions),
-        tuple(rows),
         tuple(_answers(sessions)),
         planned,
         presets,
-        _labels(rows) | {number: label(preset.name) for number, preset in presets.items()},
-        tuple(dict.fromkeys((*devices, *_configurations(rows)))),
+        _labels(trials) | {number: label(preset.name) for number, preset in presets.items()},
+        tuple(dict.fromkeys((*devices, *_configurations(trials)))),
         lengths,
         " / ".join(dict.fromkeys(protocol.note() for protocol in protocols)),
         " and ".join(dict.fromkeys(protocol.name for protocol in protocols)),
@@ -154,13 +165,12 @@ def _noting(problems: list[str]) -> Iterator[None]:
         problems.append(str(error))
 
 
-def _labels(rows: Sequence[TrialRow]) -> dict[Controller, str]:
-    numbers = sorted({row.controller for row in rows if isinstance(row.controller, int)})
-    return {number: f"controller\n{number}" for number in numbers}
+def _labels(trials: Trials) -> dict[Controller, str]:
+    return {number: f"controller\n{number}" for number in controllers_of(trials) if isinstance(number, int)}
 
 
-def _configurations(rows: Sequence[TrialRow]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(row.configuration for row in rows))
+def _configurations(trials: Trials) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(trials["configuration"]))
 
 
 def _answers(sessions: Sequence[Path]) -> list[AnswerSet]:
@@ -174,7 +184,7 @@ class ResultsJob(NamedTuple):
     """A page of results, and the folder to write it into."""
 
     page: str  # of `charts`
-    rows: tuple[TrialRow, ...]  # their recordings are named from the data folder
+    trials: Trials  # their recordings are named from the data folder
     answers: tuple[AnswerSet, ...]
     view: View
     note: str  # stands on every figure

@@ -19,7 +19,7 @@ from experiments.analysis.chart_figures import draw_chart, draw_charts
 from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left_out, legend
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import QUIET, STYLE, new_figure
-from experiments.analysis.trials_table import STATUSES, TrialRow, to_compare, write_table
+from experiments.analysis.trials_table import STATUSES, Trials, as_rows, as_table, to_compare, write_table
 from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Results, ResultsJob, read_results
 from experiments.progress import Progress, no_progress
@@ -64,9 +64,9 @@ def write_results(job: ResultsJob, progress: Progress = no_progress) -> int:
                     write_session_report(session, folder / f"{session.parent.name}_{session.name}_report.pdf")
                     progress(number / len(job.sessions))
             else:
-                shown = charts(job.page, job.rows, job.view, job.answers)
-                draw_charts(shown, job.rows, folder, job.note, job.view, progress)
-                write_table(folder / TABLE, [row.in_folder(data_dir) for row in job.rows])
+                shown = charts(job.page, job.trials, job.view, job.answers)
+                draw_charts(shown, job.trials, folder, job.note, job.view, progress)
+                write_table(folder / TABLE, as_table(row.in_folder(data_dir) for row in as_rows(job.trials)))
                 write_answers_and_notes(folder, *answers_and_notes(job.sessions))
             return len(list(folder.iterdir()))
     except OSError as error:
@@ -87,7 +87,7 @@ def write_session_report(session: Path, out: Path) -> None:
             pdf.savefig(figure)
         view = View(results.configurations, results.labels, results.lengths)
         for title, page in (("Measures by controller", POOLED), ("Measures in the order of the trials", ORDER)):
-            pdf.savefig(_figure_page(title, charts(page, results.rows, view), results, view))
+            pdf.savefig(_figure_page(title, charts(page, results.trials, view), results, view))
     write_new_file(out, sink.getvalue())
 
 
@@ -98,14 +98,14 @@ def session_lines(session: Path) -> list[tuple[str, str]]:
         ("title", f"Session of participant {stored.participant}"),
         *_head_lines(stored.about, results, events),
         *_measures(results),
-        *_timing(session, results.rows),
+        *_timing(session, results.trials),
         *_faults_and_decisions(events),
     ]
 
 
 def _head_lines(about: dict, results: Results, events: Sequence[journal.JournalEntry]) -> Iterator[tuple[str, str]]:
     versions = about["versions"]
-    count = Counter(row.status for row in results.rows)
+    count = Counter(results.trials["status"])
     yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
     yield "text", f"Protocol {results.protocol}: {results.note}."
     blind = " The session was begun blind." if about.get("blind") else ""
@@ -114,8 +114,8 @@ def _head_lines(about: dict, results: Results, events: Sequence[journal.JournalE
     yield "text", f"Seed {about['seed']}; plan {about['plan_sha256'][:12]}; {made_by}."
     yield "head", "Plan"
     listed = ", ".join(f"{count[status]} {status}" for status in STATUSES if count[status])
-    yield "text", f"{len(about['plan'])} trials planned; {len(results.rows)} rows: {listed or 'none'}."
-    if text := left_out(results.rows):
+    yield "text", f"{len(about['plan'])} trials planned; {len(results.trials)} rows: {listed or 'none'}."
+    if text := left_out(results.trials):
         yield "text", text.replace("crosses above the scale, not in the boxes", "not in the numbers below")
 
 
@@ -125,27 +125,26 @@ def _measures(results: Results) -> Iterator[tuple[str, str]]:
     for titles in ([metric.short for metric in shown], [metric.shown_unit for metric in shown]):
         first = ("device", "controller", "trials") if titles[0] == shown[0].short else ("", "", "")
         yield "fixed", "{:<14}{:<26}{:>7}".format(*first) + "".join(f"{title[:20]:>21}" for title in titles)
-    compared = to_compare(results.rows)
-    cells = dict.fromkeys((row.configuration, row.controller) for row in compared)
+    compared = to_compare(results.trials)
+    cells = dict(iter(compared.groupby(["configuration", "controller"], sort=False)))
     for configuration, controller in sorted(cells, key=str):
-        rows = [row for row in compared if (row.configuration, row.controller) == (configuration, controller)]
-        cell = ""
+        trials, cell = cells[configuration, controller], ""
         for metric in shown:
-            values = [v for row in rows if (v := row.value(metric.name)) is not None]
-            cell += f"{metric.scale * float(np.median(values)):>21.{metric.decimals}f}" if values else f"{'':>21}"
+            values = trials[metric.name].dropna() if metric.name in trials else ()
+            cell += f"{metric.scale * float(np.median(values)):>21.{metric.decimals}f}" if len(values) else f"{'':>21}"
         name = " ".join(results.labels.get(controller, str(controller)).split())
-        yield "fixed", f"{configuration[:13]:<14}{name[:25]:<26}{len(rows):>7}{cell}"
+        yield "fixed", f"{configuration[:13]:<14}{name[:25]:<26}{len(trials):>7}{cell}"
 
 
-def _timing(session: Path, rows: Sequence[TrialRow]) -> Iterator[tuple[str, str]]:
+def _timing(session: Path, trials: Trials) -> Iterator[tuple[str, str]]:
     yield "head", "Timing of the control loop"
     lateness, warnings, timings = [], [], []
-    for row in rows:
-        if row.recording:
-            recording = read_recording(session / row.recording)
+    for run, name in zip(trials["run"], trials["recording"], strict=True):
+        if name:
+            recording = read_recording(session / name)
             if recording.damaged:
-                warnings.append(f"run {row.run}: {'; '.join(recording.damaged)}")
-            warnings += [f"run {row.run}: {warning}" for warning in recording.outcome.get("warnings", ())]
+                warnings.append(f"run {run}: {'; '.join(recording.damaged)}")
+            warnings += [f"run {run}: {warning}" for warning in recording.outcome.get("warnings", ())]
             if recording.rows:
                 lateness.append(recording.column("lateness_us"))
                 timings.append(recording.outcome.get("timing", {}))
@@ -211,7 +210,7 @@ def _figure_page(title: str, shown: Sequence[Chart], results: Results, view: Vie
     for i, chart in enumerate(shown):
         axes = figure.add_axes((0.12, 0.68 - 0.29 * i, 0.8, 0.19))
         draw_chart(axes, chart)
-    foot = " ".join((*legend(shown[0], view), left_out(results.rows)))
+    foot = " ".join((*legend(shown[0], view), left_out(results.trials)))
     for i, line in enumerate(reversed(textwrap.wrap(foot, 110))):
         figure.text(0.12, 0.02 + 0.013 * i, line, fontsize=7.0, color=QUIET)
     return figure

@@ -31,7 +31,17 @@ from typing import Any, Self
 import filelock
 
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow, read_table, with_name, write_table
+from experiments.analysis.trials_table import (
+    COUNTED,
+    FINISHED,
+    TrialRow,
+    Trials,
+    as_rows,
+    as_table,
+    read_table,
+    with_name,
+    write_table,
+)
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, participant_index, plan_from_json, plan_hash
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
@@ -272,7 +282,7 @@ def controller_names(session: Path) -> dict[int, str]:
 def rows_of(session: Path) -> list[TrialRow]:
     """The rows of a session's table, with names of controllers; empty if there is no table yet."""
     table = session / TABLE
-    rows = read_table(table) if table.exists() else []
+    rows = as_rows(read_table(table)) if table.exists() else []
     if all(row.controller_name is not None for row in rows):
         return rows
     names = controller_names(session)
@@ -319,11 +329,11 @@ def pooled_rows(data_dir: Path) -> list[TrialRow]:
     return rows
 
 
-def write_pooled_table(data_dir: Path) -> list[TrialRow]:
-    """Rewrite DATA/trials.csv from the sessions' tables; returns its rows."""
-    rows = pooled_rows(data_dir)
-    write_table(data_dir / TABLE, rows, replacing=True)
-    return rows
+def write_pooled_table(data_dir: Path) -> Trials:
+    """Rewrite DATA/trials.csv from the sessions' tables; returns it."""
+    trials = as_table(pooled_rows(data_dir))
+    write_table(data_dir / TABLE, trials, replacing=True)
+    return trials
 
 
 # -------------------------------------------------------------------------------------------------------------- a study

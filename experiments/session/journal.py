@@ -23,6 +23,7 @@ from experiments.analysis.trials_table import (
     FINISHED,
     STATUSES,
     TrialRow,
+    as_table,
     row_of,
     with_name,
     write_table,
@@ -302,7 +303,8 @@ def exclude_run(folder: Path, run: int, reason: str) -> None:
     data_dir = folder.parents[1]
     try:
         with hold_lock(folder):
-            write_table(folder / TABLE, mark_run(folder, rows_of(folder), run, EXCLUDED, reason), replacing=True)
+            rows = mark_run(folder, rows_of(folder), run, EXCLUDED, reason)
+            write_table(folder / TABLE, as_table(rows), replacing=True)
             close_journal(folder)
             if (data_dir / TABLE).exists():
                 write_pooled_table(data_dir)

@@ -15,7 +15,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import append_row, is_same_row, read_table, row_of, table_bytes, write_table
+from experiments.analysis.trials_table import (
+    append_row,
+    as_rows,
+    as_table,
+    is_same_row,
+    read_table,
+    row_of,
+    table_bytes,
+    write_table,
+)
 from experiments.progress import Progress, no_progress
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
 from experiments.recording.atomic_files import PARTIAL_FILES, remove, set_aside
@@ -81,7 +90,7 @@ def _recover_pooled_table(folder: Path, done: Rescue) -> None:
     """Rewrite the table of all participants if it is out of date, unless it names trials that no session has."""
     pooled = []
     try:
-        pooled = read_table(folder / files.TABLE)
+        pooled = as_rows(read_table(folder / files.TABLE))
     except InputError:
         done.set_aside.append(set_aside(folder / files.TABLE, files.DAMAGED).name)
     try:
@@ -145,7 +154,7 @@ def _recover_table(session: Path, done: Rescue) -> None:
     """Add missing rows, then update those that differ from the journal."""
     table = session / files.TABLE
     try:
-        rows, is_spoilt = read_table(table) if table.exists() else [], False
+        rows, is_spoilt = as_rows(read_table(table)) if table.exists() else [], False
     except InputError:  # every row can be made again
         rows, is_spoilt = [], True
     summary = journal.journal_summary(session)
@@ -154,7 +163,8 @@ def _recover_table(session: Path, done: Rescue) -> None:
     bare = {row.run: row for row in journal.rows_without_recording(session, summary)}
     on_disk = files.runs_on_disk(session)
     missing = {*on_disk, *bare} - {row.run for row in rows}
-    if is_spoilt or (missing and table.exists() and table.read_bytes() != table_bytes(rows)):  # or changed by hand
+    by_hand = missing and table.exists() and table.read_bytes() != table_bytes(as_table(rows))
+    if is_spoilt or by_hand:
         done.set_aside.append(set_aside(table, files.DAMAGED).name)
         missing = {*on_disk, *bare}
     for run in sorted(missing):
@@ -172,6 +182,6 @@ def _recover_table(session: Path, done: Rescue) -> None:
     rows = files.rows_of(session)
     right = journal.rows_as_journalled(session, rows, summary)
     if right != rows:
-        write_table(table, right, replacing=True)
+        write_table(table, as_table(right), replacing=True)
         changed = [str(new.run) for old, new in zip(rows, right, strict=True) if new != old]
         done.rows_changed.append(f"{files.TABLE}: run {', '.join(changed)}, as the journal says")

@@ -18,7 +18,7 @@ from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis import steering
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, row_of, write_table
+from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, as_table, row_of, write_table
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
 from experiments.plan import (
     PRACTICE_BLOCK,
@@ -450,7 +450,7 @@ class Session:
 
     def _replace_rows(self, rows: list[TrialRow]) -> None:
         if (self.folder / files.TABLE).exists():
-            write_table(self.folder / files.TABLE, rows, replacing=True)
+            write_table(self.folder / files.TABLE, as_table(rows), replacing=True)
         self.rows = rows
         if (self.data_dir / files.STUDY).exists() and (self.data_dir / files.TABLE).exists():
             files.write_pooled_table(self.data_dir)  # of other folders the session server keeps it

@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, TrialRow, is_same_row, read_table, row_of, table_bytes
+from experiments.analysis.trials_table import COLUMNS, TrialRow, as_rows, is_same_row, read_table, row_of, table_bytes
 from experiments.plan import PRACTICE_BLOCK, counted
 from experiments.progress import Progress, no_progress
 from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
@@ -304,7 +304,7 @@ def _shown(value: object) -> str:
 def _pooled_faults(folder: Path) -> Iterator[str]:
     """How DATA/trials.csv differs from the tables of the sessions."""
     try:
-        stored = read_table(folder / files.TABLE)
+        stored = as_rows(read_table(folder / files.TABLE))
         pooled = {(row.participant, row.run): row for row in stored}
     except InputError as error:
         yield files.relative_to(folder, str(error))

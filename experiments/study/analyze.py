@@ -23,7 +23,11 @@ from experiments.analysis.trials_table import (
     COUNTED,
     StudyData,
     TrialRow,
+    Trials,
+    as_rows,
+    as_table,
     by_controller,
+    is_coded,
     read_table,
     row_of,
     write_table,
@@ -70,7 +74,10 @@ class Found:
         without = f", {left_out} recording{'s' if left_out != 1 else ''} left out" if left_out else ""
         caption, note = (" / ".join(sorted(named)) + without for named in (self.captions, self.notes))
         presets, protocol = dict(sorted(self.presets.items())), " and ".join(sorted(self.protocols))
-        return StudyData(self.rows, presets, protocol, caption, note, self.simulated, tuple(self.own.values()))
+        counted = [row for row in self.rows if row.status in COUNTED and isinstance(row.controller, int)]
+        failed = tuple(reason for row in counted for reason in row.failed.values())
+        own, trials = tuple(self.own.values()), as_table(self.rows)
+        return StudyData(trials, presets, protocol, caption, note, self.simulated, own, failed)
 
     @property
     def coded(self) -> int:
@@ -114,7 +121,7 @@ def analyze(
                 progress(done / recordings)
             rows += rows_without_recording(session, journal)
             found.rows += sorted(rows, key=lambda row: row.run)
-        write_table(out / "trials.csv", found.rows)
+        write_table(out / "trials.csv", as_table(found.rows))
         warned = conclude(folder, out, found, timeouts, purpose) if found.rows else []
     except BaseException:  # an interrupt too: an analysis is there whole or not at all
         _remove_results(out)
@@ -222,14 +229,15 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
     if not table.exists():
         return [f"{table}: there is no such table, so the figures cannot be compared with it"]
     try:
-        before_rows = [unblinded(row, found.keys.get(row.participant, {})) for row in read_table(table)]
+        stored = as_table(unblinded(row, found.keys.get(row.participant, {})) for row in as_rows(read_table(table)))
     except InputError as error:
         return [f"{error}, so the figures cannot be compared with it"]
-    configurations = tuple(dict.fromkeys(row.configuration for row in (*before_rows, *found.rows)))
-    changes, names = [], found.data.labels
+    data = found.data
+    configurations = tuple(dict.fromkeys((*stored["configuration"], *data.trials["configuration"])))
+    changes, names = [], data.labels
     for metric in (*DRAWN, *found.own.values()):
         before, after = (
-            boxes(disambiguate_codes(rows), metric, configurations, timeouts) for rows in (before_rows, found.rows)
+            boxes(disambiguate_codes(trials), metric, configurations, timeouts) for trials in (stored, data.trials)
         )
         for key in sorted({*before, *after}, key=lambda cell: (by_controller(cell[0]), cell[1])):
             old, new = before.get(key), after.get(key)
@@ -248,28 +256,28 @@ def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
     return changes
 
 
-def read_studies(folders: Sequence[Path]) -> dict[str, list[TrialRow]]:
+def read_studies(folders: Sequence[Path]) -> dict[str, Trials]:
     """The trials of several studies, by the names of their folders. InputError if one cannot be compared."""
-    studies: dict[str, list[TrialRow]] = {}
+    studies: dict[str, Trials] = {}
     for folder in folders:
-        rows = read_table(folder / TABLE)
+        trials = read_table(folder / TABLE)
         name = folder.resolve().name
         if name in studies:
             raise InputError(f"{folder}: another study of this name is named already, they cannot be told apart")
-        if not any(row.status in COUNTED for row in rows):
+        if not trials["status"].isin(COUNTED).any():
             raise InputError(f"{folder / TABLE}: holds no trial that counts, there is nothing to compare")
         presets = {
             number: preset
             for session in sorted(folder.glob("sub-*/ses-*"))
             for number, preset in read_stored(session).protocol.controllers.items()
         }
-        if reason := why_no_findings(presets, any(isinstance(row.controller, str) for row in rows)):
+        if reason := why_no_findings(presets, is_coded(trials)):
             raise InputError(f"{folder / TABLE}: {reason}")
-        studies[name] = rows
+        studies[name] = trials
     return studies
 
 
-def write_side_by_side(studies: Mapping[str, Sequence[TrialRow]], out: Path) -> Path:
+def write_side_by_side(studies: Mapping[str, Trials], out: Path) -> Path:
     """The findings of several studies in one table; where it stands."""
     path = out / "side-by-side.md"
     write_new_file(path, side_by_side(studies).encode())

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import matplotlib
 import numpy as np
+import pandas as pd
 
 from core.control.controllers import Preset
 from core.files import InputError
@@ -13,7 +14,7 @@ from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
 from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
-from experiments.analysis.trials_table import TrialRow, csv_bytes, to_compare
+from experiments.analysis.trials_table import TrialRow, Trials, as_table, frame_bytes, to_compare
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -92,7 +93,7 @@ def measure_of(name: str, protocol: Protocol) -> Metric:
 
 def simulated_trials(
     protocol: Protocol, population: Population, people: int, measure: Metric, progress: Progress = no_progress
-) -> list[TrialRow]:
+) -> Trials:
     """The trials of so many simulated people, on all cores, without recordings; of the measures this one alone."""
     load_kernels()
     protocol = with_low_gain_found(protocol, population)
@@ -102,17 +103,17 @@ def simulated_trials(
         for done, call in enumerate(calls, start=1):
             found += call.result()
             progress(done / people)
-    return found
+    return as_table(found)
 
 
 def _trials_of(protocol: Protocol, population: Population, person: int, measure: Metric) -> list[TrialRow]:
     return [row for row, _ in operator_trials(protocol, population, person, (measure,))]
 
 
-def answers(rows: Sequence[TrialRow], source: str, protocol: Protocol, question: Question) -> list[Answer]:
+def answers(trials: Trials, source: str, protocol: Protocol, question: Question) -> list[Answer]:
     """The answer for each configuration, and for all pooled where there are several. InputError: too few people."""
     found = []
-    for configuration, table in by_configuration(to_compare(rows), question.measure.name):
+    for configuration, table in by_configuration(to_compare(trials), question.measure.name):
         people, pair, shift = _people_of(table, protocol, question, f"{source}, {configuration}")
         curve = tuple(share_found(people, pair, n, CURVE_STUDIES, SEED) for n in CURVE)
         found.append(Answer(source, configuration, people_needed(people, pair, question.power, SEED), shift, curve))
@@ -143,14 +144,12 @@ def write_power(found: Sequence[Answer], question: Question, protocol: Protocol,
     """Write power.csv and power.png into a folder; the summary."""
     first, second = (" ".join(preset.name.split()) for preset in (question.first, question.second))
     about = f'"{first}" against "{second}", {question.measure.short}, protocol {protocol.name}'
-    lines: list[Sequence[object]] = [COLUMNS]
-    for each in found:
-        ends = (_cell(each.needed.people), _cell(each.needed.low), _cell(each.needed.high))
-        what = (first, second, question.measure.name, question.measure.unit, question.power)
-        lines.append((each.source, each.configuration, *what, *ends, each.shift))
+    what = (first, second, question.measure.name, question.measure.unit, question.power)
+    lines = [(each.source, each.configuration, *what, *map(_cell, each.needed), each.shift) for each in found]
+    table = pd.DataFrame(lines, columns=COLUMNS)
     measure = question.measure
     picture = power_figure(found, question, f"{about}. {SIMULATED[0].upper()}{SIMULATED[1:]}.")
-    write_new_files({out / "power.csv": csv_bytes(lines), out / "power.png": picture})
+    write_new_files({out / "power.csv": frame_bytes(table), out / "power.png": picture})
     return {
         "out": str(out),
         "question": f"{about}, found with a power of {percent(question.power)}",
@@ -217,8 +216,8 @@ def power(
             def share_done(share: float, done: int = done) -> None:
                 progress((done + share) / len(populations))
 
-            rows = simulated_trials(protocol, population, people, question.measure, share_done)
-            found += answers(rows, name, protocol, question)
+            trials = simulated_trials(protocol, population, people, question.measure, share_done)
+            found += answers(trials, name, protocol, question)
         return write_power(found, question, protocol, out)
     except BaseException:
         out.rmdir()

@@ -19,7 +19,7 @@ from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Fi
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import warnings, write_report
 from experiments.analysis.simulation_errors import Moved
-from experiments.analysis.trials_table import StudyData, TrialRow, without_value
+from experiments.analysis.trials_table import COUNTED, StudyData, Trials, without_value
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -126,7 +126,7 @@ class StudyRun:
     progress: Progress = no_progress
     purpose: str = SCREEN  # of the figures
     done: Counter[str] = field(default_factory=Counter)  # ticks, simulating_ns; trials, and of them in_doubt
-    failed: list[TrialRow] = field(default_factory=list)  # trials in which a measure of one's own gave no number
+    failed: list[str] = field(default_factory=list)  # why a measure of one's own gave no number, for each trial
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
     def carry_out(self, workers: Helpers) -> dict:
@@ -147,19 +147,15 @@ class StudyRun:
         table = write_pooled_table(self.out)
         if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table, workers, errors or workers.pool.submit(errors_in, self.out))
-        ended = {number: [row.status == "done" for row in table if row.controller == number]
-                 for number in protocol.controllers}  # fmt: skip
+        share_done = (table["status"] == "done").groupby(table["controller"]).mean()
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
         return {
             "out": str(self.out),
             "trials": len(table),
             "trials_run_now": self.done["trials"],
-            **{
-                f"done_controller_{number}": float(np.mean(reached)) if reached else 0.0
-                for number, reached in ended.items()
-            },
-            "recovered": sum(row.status == "recovered" for row in table),
+            **{f"done_controller_{number}": float(share_done.get(number, 0.0)) for number in protocol.controllers},
+            "recovered": int((table["status"] == "recovered").sum()),
             "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),
             "protocol": protocol.name,
@@ -173,8 +169,7 @@ class StudyRun:
             "wall_s": time.perf_counter() - began,
             "warnings": [
                 *warnings(table, found, simulated=True),
-                *without_value(table, own_metrics(protocol)),
-                *without_value(self.failed, ()),
+                *without_value(table, own_metrics(protocol), self.failed),
             ],
         }
 
@@ -216,8 +211,8 @@ class StudyRun:
                 f"{session.participant}; all that was recorded is kept, phd study --resume goes on from there",
                 str(self.out),
             ) from error
-        if row.failed:
-            self.failed.append(row)
+        if row.status in COUNTED:
+            self.failed += row.failed.values()
         trial.refuse_failed_controller()  # it is kept, as aborted
         self.done["trials"] += 1
         self.done["in_doubt"] += bool(trial.outcome()["warnings"])  # its energy ledger contradicts its motion
@@ -231,7 +226,7 @@ class StudyRun:
             writer.write(self.rows[:n])
         self.done["ticks"] += trial.ticks
 
-    def conclude(self, table: Sequence[TrialRow], workers: Helpers, errors: Future[list[Moved]]) -> None:
+    def conclude(self, table: Trials, workers: Helpers, errors: Future[list[Moved]]) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
         caption, note = (f"{protocol.note()}, {about}" for about in (operators.label, operators.note))
@@ -247,7 +242,7 @@ class StudyRun:
                     write_report(data, folder, moved=moved)
 
 
-def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[TrialRow]]:
+def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[str]]:
     """In a helper: run operators as long as there are any; as `StudyRun.done` and `failed`."""
     shared = shared_in_helper()
     run = StudyRun(out, study, shared)

@@ -32,10 +32,10 @@ from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED,
 from experiments.analysis.findings import FAILS
 from experiments.analysis.own_measures import metrics_in
 from experiments.analysis.report import SIMULATED
-from experiments.analysis.trials_table import TrialRow, read_table, write_table
+from experiments.analysis.trials_table import TrialRow, as_rows, as_table
 from experiments.session.files import STUDY
 from experiments.session.session import Session
-from tests.support.rows import with_measures
+from tests.support.rows import read_rows, with_measures, write_rows
 
 
 def results_of(participant: str, seed: int) -> list[TrialRow]:
@@ -60,16 +60,16 @@ def table_of(data: Path, participant: str) -> Path:
 
 def change(data: Path, participant: str, **what: TrialRow) -> None:
     """Rows of a table otherwise: run_3=the row."""
-    rows = read_table(table_of(data, participant))
+    rows = read_rows(table_of(data, participant))
     changed = {row.run: row for row in what.values()}
-    write_table(table_of(data, participant), [changed.get(row.run, row) for row in rows], replacing=True)
+    write_rows(table_of(data, participant), [changed.get(row.run, row) for row in rows], replacing=True)
 
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     for i, participant in enumerate(("01", "02", "03")):
         table_of(tmp_path, participant).parent.mkdir(parents=True)
-        write_table(table_of(tmp_path, participant), results_of(participant, i))
+        write_rows(table_of(tmp_path, participant), results_of(participant, i))
     return tmp_path
 
 
@@ -91,15 +91,19 @@ def click(plot: ChartPlot, x: float, y: float) -> None:
     QTest.mouseClick(plot.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
 
 
+def shown_in(page: AnalysePage) -> list[TrialRow]:
+    return [] if page.trials is None else as_rows(page.trials)
+
+
 def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
     return [(mark.pos().x(), mark.pos().y()) for mark in plot.ring.points()]
 
 
 def test_measures_of_ones_own_are_chosen_by_chips_and_go_into_the_export(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
-    rows = tuple(with_measures(row, late_error_mm=-1.0 * row.run) for row in page.results.rows)
+    trials = as_table(with_measures(row, late_error_mm=-1.0 * row.run) for row in shown_in(page))
     own = metrics_in("my_measure", MEASURE)
-    page._show_results(page.results._replace(rows=rows, own=own))
+    page._show_results(page.results._replace(trials=trials, own=own))
     assert page.measures.chosen == {"path_error_m", "mean_tip_force_N", "acceleration_dft_sum", "late_error_mm"}
     QTest.mouseClick(page.measures.chips["acceleration_dft_sum"], Qt.MouseButton.LeftButton)
     shown = [plot for plot in page.plots if not plot.isHidden()]
@@ -107,36 +111,36 @@ def test_measures_of_ones_own_are_chosen_by_chips_and_go_into_the_export(qtbot, 
     assert min(point.pos().y() for point in shown[2].points.points()) == -60.0 > shown[2].item.viewRange()[1][0] - 60.0
     sent = pickle.loads(pickle.dumps(page.view(page.results)))
     assert [metric.name for metric in sent.measures] == ["path_error_m", "mean_tip_force_N", "late_error_mm"]
-    assert charts(POOLED, rows, sent)[2].lowest == -60.0
+    assert charts(POOLED, trials, sent)[2].lowest == -60.0
 
 
 def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
-    rows = read_table(table_of(data, "02"))
-    write_table(table_of(data, "02"), rows[:-1], replacing=True)
+    rows = read_rows(table_of(data, "02"))
+    write_rows(table_of(data, "02"), rows[:-1], replacing=True)
     page = page_on(qtbot)
     page.show_opened(fake_client.opened("02", folder=str(data / "sub-02" / "ses-01")))
     page.begin()
-    qtbot.waitUntil(lambda: len(page.rows) == 179, timeout=60_000)
-    write_table(table_of(data, "02"), rows, replacing=True)
+    qtbot.waitUntil(lambda: len(shown_in(page)) == 179, timeout=60_000)
+    write_rows(table_of(data, "02"), rows, replacing=True)
     page.show_snapshot(fake_client.ready(60))
-    qtbot.waitUntil(lambda: len(page.rows) == 180, timeout=60_000)
+    qtbot.waitUntil(lambda: len(shown_in(page)) == 180, timeout=60_000)
 
 
 def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path) -> None:
-    row = read_table(table_of(data, "02"))[7]
+    row = read_rows(table_of(data, "02"))[7]
     change(data, "02", row=replace(row, status="excluded"))
     page = page_on(qtbot, data)
     assert len(page.plots[0].points.points()) == 179 and page.statuses.chosen == {"done", "timeout"}
     QTest.mouseClick(page.statuses.chips["excluded"], Qt.MouseButton.LeftButton)
     assert len(page.plots[0].points.points()) == 180 and sum(b.box.n for b in page.plots[0].chart.boxes) == 179
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
-    assert len(page.plots[0].points.points()) == 120 and {row.participant for row in page.rows} == {"01", "03"}
+    assert len(page.plots[0].points.points()) == 120 and {row.participant for row in shown_in(page)} == {"01", "03"}
     QTest.mouseClick(page.devices.chips["four-brake"], Qt.MouseButton.LeftButton)
     assert len(page.plots[0].points.points()) == 60 and page.view(page.results).configurations == ("three-brake",)
 
 
 def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_asked(qtbot, data: Path) -> None:
-    row = read_table(table_of(data, "01"))[3]
+    row = read_rows(table_of(data, "01"))[3]
     change(data, "01", row=with_measures(replace(row, status="timeout"), path_error_m=0.065))
     page = page_on(qtbot, data)
     plot = page.plots[0]
@@ -156,7 +160,7 @@ def test_a_data_folder_of_180_trials_shows_them_all_on_a_logarithmic_axis_as_wel
     assert "3 participants · 180 trials" in page.summary.text() and page.measures.isHidden()
     QTest.mouseClick(page.logarithmic, Qt.MouseButton.LeftButton)
     values = sorted(point.pos().y() for point in page.plots[0].points.points())
-    wanted = sorted(np.log10(1e3 * row.value("path_error_m")) for row in page.rows)
+    wanted = sorted(np.log10(1e3 * row.value("path_error_m")) for row in shown_in(page))
     assert values == pytest.approx(wanted) and len(page.plots[0].chart.boxes) == 10
 
 
@@ -176,8 +180,8 @@ def test_the_title_of_an_axis_stands_in_its_middle_and_the_scale_stays_when_it_h
 
 def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, data: Path) -> None:
     for who in ("01", "02", "03"):
-        rows = [replace(row, controller=f"K{row.controller}") for row in read_table(table_of(data, who))]
-        write_table(table_of(data, who), rows, replacing=True)
+        rows = [replace(row, controller=f"K{row.controller}") for row in read_rows(table_of(data, who))]
+        write_rows(table_of(data, who), rows, replacing=True)
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
     assert colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
@@ -209,7 +213,7 @@ def test_many_participants_are_chosen_below_one_button_that_stays_open_and_count
     for n in range(1, 25):
         who = f"{n:02d}"
         table_of(tmp_path, who).parent.mkdir(parents=True)
-        write_table(table_of(tmp_path, who), results_of(who, n)[:4])
+        write_rows(table_of(tmp_path, who), results_of(who, n)[:4])
     page = page_on(qtbot, tmp_path)
     people = page.people
     assert people.menu.text().startswith("Participants: all of 24")
@@ -217,17 +221,17 @@ def test_many_participants_are_chosen_below_one_button_that_stays_open_and_count
     menu.popup(page.mapToGlobal(page.rect().center()))
     for who in ("07", "08"):
         QTest.mouseClick(people.chips[who], Qt.MouseButton.LeftButton)
-    assert menu.isVisible() and people.menu.text().startswith("Participants: 22 of 24") and len(page.rows) == 88
+    assert menu.isVisible() and people.menu.text().startswith("Participants: 22 of 24") and len(shown_in(page)) == 88
     QApplication.processEvents()
     for chip in people.chips.values():
         assert chip.width() >= chip.sizeHint().width() and menu.rect().contains(chip.mapTo(menu, chip.rect().center()))
     every, none = menu.findChildren(QPushButton, "small")
     QTest.mouseClick(none, Qt.MouseButton.LeftButton)
-    assert not page.rows and "none" in page.empty.text().lower()
+    assert not shown_in(page) and "none" in page.empty.text().lower()
     QTest.mouseClick(people.chips["12"], Qt.MouseButton.LeftButton)
-    assert {row.participant for row in page.rows} == {"12"}
+    assert {row.participant for row in shown_in(page)} == {"12"}
     QTest.mouseClick(every, Qt.MouseButton.LeftButton)
-    assert len(page.rows) == 96
+    assert len(shown_in(page)) == 96
     menu.close()
     page.show_page(PERSON)
     QApplication.processEvents()
@@ -277,15 +281,16 @@ def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> N
 
 def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
-    row = replace(page.rows[100], recording="")
-    page.results = page.results._replace(rows=tuple(row if r is page.rows[100] else r for r in page.results.rows))
+    rows = shown_in(page)
+    row = replace(rows[100], recording="")
+    page.results = page.results._replace(trials=as_table(row if n == 100 else r for n, r in enumerate(rows)))
     page._show()
-    point = next(p for p in page.plots[1].chart.points if p.row is row)
+    point = next(p for p in page.plots[1].chart.points if p.row == row)
     click(page.plots[1], point.x, point.y)
     assert page.chosen == row and page.side.isVisible() and page.side.title.text() == f"P02 run {row.run}"
     assert "no recording" in page.side.note.text()
     for plot in page.plots[:3]:
-        (x, y), wanted = ringed(plot)[0], next(p for p in plot.chart.points if p.row is row)
+        (x, y), wanted = ringed(plot)[0], next(p for p in plot.chart.points if p.row == row)
         assert (x, y) == pytest.approx((wanted.x, wanted.y))
     page.show_page(PERSON)
     assert len(ringed(page.plots[2])) == 1
@@ -300,7 +305,7 @@ def test_of_points_that_lie_over_each_other_the_nearest_one_is_opened(qtbot, dat
     page, opened = page_on(qtbot, data), []
     plot = page.plots[0]
     plot.chosen.connect(opened.append)
-    first, last = (point for point in plot.chart.points if point.row in (page.rows[0], page.rows[-1]))
+    first, last = (point for point in plot.chart.points if point.row in (shown_in(page)[0], shown_in(page)[-1]))
     x, y = first.x, first.y
     pixel = plot.item.vb.viewPixelSize()[0]
     beside = [first, last._replace(x=x + 2.5 * pixel, y=y)]  # drawn over it
@@ -311,7 +316,7 @@ def test_of_points_that_lie_over_each_other_the_nearest_one_is_opened(qtbot, dat
 
 def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_value(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
-    row = page.rows[60]
+    row = shown_in(page)[60]
     point = next(p for p in page.plots[0].points.points() if p.data().row == row)
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
     error_mm = 1e3 * row.value("path_error_m")
@@ -321,7 +326,7 @@ def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_va
     device = page.results.configurations[placed.look]
     errors = sorted(
         1e3 * r.value("path_error_m")
-        for r in page.rows
+        for r in shown_in(page)
         if r.controller == placed.controller and r.configuration == device
     )
     said = page.plots[0].read_at(QPointF(placed.x, np.log10(placed.box.median)))
@@ -334,7 +339,7 @@ def recorded(qtbot, tmp_path: Path, two_trials: Path) -> AnalysePage:
     """The page on a session of two trials that is not open, with the second beside the charts."""
     data = shutil.copytree(two_trials, tmp_path / "data")
     page = page_on(qtbot, data / "sub-01" / "ses-01" / "trials" / "run-002.parquet")
-    qtbot.waitUntil(lambda: page.side.trial is not None and bool(page.rows), timeout=60_000)
+    qtbot.waitUntil(lambda: page.side.trial is not None and bool(shown_in(page)), timeout=60_000)
     return page
 
 
@@ -361,9 +366,9 @@ def test_a_trial_of_a_session_that_is_not_open_is_excluded_for_a_reason_and_then
     exclude(page, 1)
     qtbot.waitUntil(lambda: reason in page.side.note.text(), timeout=60_000)
     assert page.side.note.text() == f"This trial is excluded: {reason}." and not page.side.exclude.isVisible()
-    assert "excluded" in page.side.about.text() and [row.run for row in page.rows] == [1]
+    assert "excluded" in page.side.about.text() and [row.run for row in shown_in(page)] == [1]
     session = page.results.folder / "sub-01" / "ses-01"
-    assert [row.status for row in read_table(session / "trials.csv")] == ["done", "excluded"]
+    assert [row.status for row in read_rows(session / "trials.csv")] == ["done", "excluded"]
     resumed = Session.resume(page.results.folder, "01")
     assert [row.status for row in resumed.rows] == ["done", "excluded"]
     resumed.close()
@@ -388,7 +393,7 @@ def test_a_session_that_another_process_has_open_is_not_touched(qtbot, recorded:
         qtbot.waitUntil(lambda: "is using this folder" in page.side.note.text(), timeout=60_000)
     finally:
         other.close()
-    assert [row.status for row in read_table(other.folder / "trials.csv")] == ["done", "done"]
+    assert [row.status for row in read_rows(other.folder / "trials.csv")] == ["done", "done"]
 
 
 def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_it(qtbot, two_trials, monkeypatch):
@@ -404,7 +409,7 @@ def test_the_report_of_one_session_is_asked_for_beside_the_sessions_and_not_in_i
 def test_the_next_trial_and_the_one_before_are_those_that_are_shown(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
-    last = max((row for row in page.rows if row.participant == "01"), key=lambda row: row.run)
+    last = max((row for row in shown_in(page) if row.participant == "01"), key=lambda row: row.run)
     page.open_trial(last)
     page.step(1)
     assert (page.chosen.participant, page.chosen.run) == ("03", 1)
@@ -425,7 +430,7 @@ def test_an_export_is_whole_and_in_a_new_folder(qtbot, data: Path) -> None:
     qtbot.waitUntil(lambda: page.message.text().endswith("results-2"), timeout=120_000)
     folder = data / "results-2"
     assert {path.suffix for path in folder.iterdir()} == {".png", ".svg", ".pdf", ".csv"}
-    exported = read_table(folder / "trials.csv")
+    exported = read_rows(folder / "trials.csv")
     assert len(exported) == 120 and page.folder_button.isVisible() and page.message.objectName() == "good"
     assert (folder / exported[0].recording).resolve() == data / "sub-01" / "ses-01" / "trials" / "run-001.parquet"
 

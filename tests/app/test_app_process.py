@@ -29,8 +29,8 @@ from app.window.run.trial_card import NO_FLAGS
 from app.window.widgets.page import RUN
 from app.window.windows import Windows
 from core import tick_log
-from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
+from tests.support.rows import read_rows
 
 wait_until = partial(waiting.wait_until, pause=lambda: QTest.qWait(10))
 
@@ -89,7 +89,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     (result,) = main.snapshot.rows
     assert result.status == "done" and (result.segment, result.controller) == (planned.segment, planned.controller)
     session = tmp_path / "data" / "sub-01" / "ses-01"
-    assert read_table(session / "trials.csv") == [result]
+    assert read_rows(session / "trials.csv") == [result]
     recording = read_recording(session / result.recording)
     order = [recording.words["phase"][code] for code in dict.fromkeys(recording.column("phase"))]
     assert recording.whole and order == ["approach", "hold", "move", "end"]

@@ -11,7 +11,6 @@ from sessions import Killed, crash_in_trial, files, killing, new_session, of, ru
 from app.cli import main
 from core.control.controllers import ALGORITHMS
 from core.files import InputError
-from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.blind import new_key, read_key
@@ -21,6 +20,7 @@ from experiments.session.recover import recover
 from experiments.session.session import Participant, Session
 from experiments.session.verify import verify
 from experiments.study.analyze import analyze
+from tests.support.rows import read_rows
 
 CODES = {"K1", "K2", "K3", "K4", "K5"}
 
@@ -63,7 +63,7 @@ def test_nothing_but_the_key_tells_a_controller(data):
     assert set(key) == CODES and sorted(key.values()) == [1, 2, 3, 4, 5]
     stored = json.loads((of(data) / "session.json").read_text())
     assert {trial["controller"] for trial in stored["plan"]} == CODES
-    for row in read_table(of(data) / "trials.csv"):
+    for row in read_rows(of(data) / "trials.csv"):
         assert (
             row.controller in CODES and row.value("switches_per_s") is None and row.value("unreachable_share") is None
         )
@@ -99,7 +99,7 @@ def test_a_blind_session_is_whole_to_verify_and_goes_on_after_a_crash(data):
 
 
 def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, tmp_path):
-    coded_rows, key = read_table(of(data) / "trials.csv"), key_of(data)
+    coded_rows, key = read_rows(of(data) / "trials.csv"), key_of(data)
     session = Session.resume(data, "01", sync=False)
     with pytest.raises(InputError, match="who"):
         session.unblind(" ")
@@ -124,7 +124,7 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
     assert not again.blind and again.plan == session.plan and again.rows == session.rows
     again.close()
     analyze(data, tmp_path / "out")  # from the recordings: the same table
-    by_analysis, table = read_table(tmp_path / "out" / "trials.csv"), read_table(data / "trials.csv")
+    by_analysis, table = read_rows(tmp_path / "out" / "trials.csv"), read_rows(data / "trials.csv")
     assert [replace(row, recording="") for row in by_analysis] == [replace(row, recording="") for row in table]
 
 
@@ -136,7 +136,7 @@ def test_a_crash_after_the_journal_line_still_unblinds_the_tables(data, monkeypa
     session.close()
     assert any("controller is K" in fault["fault"] for fault in verify(data)["faults"])
     assert not recover(data)["faults"]
-    rows = read_table(data / "trials.csv")
+    rows = read_rows(data / "trials.csv")
     assert all(isinstance(row.controller, int) for row in rows)
     assert all(row.value("switches_per_s") is not None for row in rows if row.recording)
 
@@ -158,7 +158,7 @@ def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, con
     before = files(data)
     assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["coded"] == 6 and files(data) == before
-    table, again = read_table(data / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
+    table, again = read_rows(data / "trials.csv"), read_rows(tmp_path / "out" / "trials.csv")
     assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
     report = (tmp_path / "out" / "report" / "report.md").read_text()
     assert "The controllers are coded" in report
@@ -174,7 +174,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     tables = [(path, path.read_bytes()) for path in (data / "trials.csv", of(data) / "trials.csv")]
     key = key_of(data)
     assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--unblind"]) == 0
-    coded_rows, rows = read_table(data / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
+    coded_rows, rows = read_rows(data / "trials.csv"), read_rows(tmp_path / "out" / "trials.csv")
     assert [row.controller for row in rows] == [key[row.controller] for row in coded_rows]
     assert all(row.value("switches_per_s") is not None for row in rows if row.recording)
     opened = [entry.about for entry in read_events(of(data)) if entry.event is KEY_OPENED]
@@ -193,4 +193,4 @@ def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
     from experiments.study.study import run_study
 
     run_study(tmp_path / "study", 1, short(paths=1, blind="true"), PEOPLE)
-    assert all(isinstance(row.controller, int) for row in read_table(tmp_path / "study" / "trials.csv"))
+    assert all(isinstance(row.controller, int) for row in read_rows(tmp_path / "study" / "trials.csv"))

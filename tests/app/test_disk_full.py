@@ -9,8 +9,8 @@ from protocols import short
 from sessions import files
 
 from app.cli import main
-from experiments.analysis.trials_table import read_table
 from experiments.session.verify import verify
+from tests.support.rows import read_rows
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def begin(tmp_path):
 def assert_stopped_cleanly(folder, error):
     assert error.count("\n") == 1 and "no space left on device" in error and "--resume" in error
     session = folder / "sub-01" / "ses-01"
-    rows = read_table(session / "trials.csv") if (session / "trials.csv").exists() else []
+    rows = read_rows(session / "trials.csv") if (session / "trials.csv").exists() else []
     assert [row.status for row in rows] == ["done"] * len(rows)
     left = {fault["file"]: fault["fault"] for fault in verify(folder)["faults"]}
     assert all(f"run-{len(rows) + 1:03d}" in f"{name} {fault}" for name, fault in left.items()), left
@@ -42,7 +42,7 @@ def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(begin, tmp_p
     assert main(["study", "--resume", "--out", str(out)]) == 0
     after = files(out)
     assert all(after[name] == content for name, content in before.items() if name.endswith(".parquet"))
-    rows = read_table(out / "trials.csv")
+    rows = read_rows(out / "trials.csv")
     assert [row.status for row in rows].count("done") == 10 and len(rows) == 11
     assert verify(out)["faults"] == []
 
@@ -76,4 +76,4 @@ def test_a_real_disk_that_is_full_stops_the_study_and_more_room_lets_it_go_on(be
     subprocess.run(["mount", "-o", "remount,size=60m", str(small_disk)], check=True)
     assert main(["study", "--resume", "--out", str(out)]) == 0
     assert kept.items() <= files(out).items() and verify(out)["faults"] == []
-    assert [row.status for row in read_table(out / "trials.csv")].count("done") == 10
+    assert [row.status for row in read_rows(out / "trials.csv")].count("done") == 10

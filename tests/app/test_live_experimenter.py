@@ -17,9 +17,9 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.widgets.page import ANALYSE, RUN
 from app.window.windows import Windows
-from experiments.analysis.trials_table import read_table
 from experiments.inputs import OPERATOR
 from experiments.session.verify import verify
+from tests.support.rows import read_rows
 
 wait_until = partial(waiting.wait_until, pause=lambda: QTest.qWait(10))
 
@@ -75,13 +75,13 @@ def test_a_whole_session_of_an_experimenter(qtbot, tmp_path: Path) -> None:
     wait_until(lambda: main.snapshot.rows[-1].status == "redone" and not run.card_shown)
     run_trial(windows)
     assert main.snapshot.stage == m.FINISHED
-    rows = read_table(Path(main.opened.folder) / "trials.csv")
+    rows = read_rows(Path(main.opened.folder) / "trials.csv")
     assert [(row.run, row.status) for row in rows[:2]] == [(first.run, "excluded"), (second.run, "redone")]
     assert (rows[2].controller, rows[2].status) == (2, "timeout")
 
     main.show_page(ANALYSE)
     page = main.page(ANALYSE)
-    wait_until(lambda: page.results is not None and page.rows)
+    wait_until(lambda: page.trials is not None and len(page.trials))
     page.export(report=True)
     wait_until(lambda: list((setup.data_dir / "results-1").glob("*.pdf")))
     windows.close()

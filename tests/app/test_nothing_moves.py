@@ -14,6 +14,7 @@ from app.ipc import messages as m
 from app.window.canvas.plane import Plane
 from app.window.widgets.page import ANALYSE, HOME, TRY
 from app.window.widgets.plots import Graph
+from experiments.analysis.trials_table import as_rows
 
 NOTICE = "Run 9: the participant was distracted by a long sentence that goes on over several lines of the panel."
 LATE = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
@@ -82,7 +83,7 @@ def test_on_analyse_beside_a_trial(qtbot, screens: Screens, tmp_path: Path, monk
     screens.main.show_page(ANALYSE, tmp_path)
     page = screens.main.pages[ANALYSE]
     qtbot.waitUntil(lambda: page.results is not None, timeout=60_000)
-    page.open_trial(page.rows[-1])
+    page.open_trial(as_rows(page.trials)[-1])
     qtbot.waitUntil(lambda: page.side.trial is not None, timeout=60_000)
     was = places(screens.main)
     for note in ("The recorded hand is being simulated …", "This trial is excluded: he sneezed.", ""):

@@ -15,12 +15,12 @@ from refusals import refusal
 from sessions import Killed, crash_in_trial, files, killing, of, run_trials, session_of
 
 from app.cli import main
-from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.recording.writer import save_as_parquet
 from experiments.session import recover as recovery
 from experiments.session.files import cell, hold_lock, read_stored, write_pooled_table
 from experiments.session.recover import recover
+from tests.support.rows import read_rows
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_a_trial_that_was_cut_off_keeps_every_whole_batch_and_is_marked_recovere
     for name, values in there.columns.items():
         assert np.array_equal(kept.column(name), values, equal_nan=True), name
     assert stream.with_name("run-003.arrows.crashed").read_bytes() == content and not stream.exists()
-    row = read_table(of(data) / "trials.csv")[2]
+    row = read_rows(of(data) / "trials.csv")[2]
     assert (row.run, row.status) == (3, "recovered")
     assert (
         row.value("duration_s") == pytest.approx(there.in_phase("move").sum() / 1000, abs=0.002)
@@ -80,7 +80,7 @@ def test_wherever_the_stream_was_cut_what_is_whole_is_kept(data):
         stream.write_bytes(content[:cut])
         assert not recover(data)["faults"], cut
         whole = max((rows for end, rows in ends if end <= cut), default=None)
-        row = read_table(table)[2]
+        row = read_rows(table)[2]
         assert row.status == "recovered", cut
         if whole is None:  # not even its header: the journal knows which trial it was
             assert row.recording == "" and cell(row) == cell(read_stored(of(data)).plan[2])
@@ -100,7 +100,7 @@ def test_a_damaged_batch_is_left_out_and_the_rest_is_kept(data):
     assert "batch 1 (rows 500 to 999): damaged" in done["recovered"][0] and not done["faults"]
     kept = read_recording(of(data) / "trials" / "run-003.parquet")
     assert kept.rows == 4000 and "batch 1" in kept.outcome["reason"]
-    row = read_table(of(data) / "trials.csv")[2]
+    row = read_rows(of(data) / "trials.csv")[2]
     assert row.status == "recovered" and row.value("acceleration_dft_sum") is None  # no even grid, nothing to filter
 
 
@@ -125,7 +125,7 @@ def test_a_crash_while_recovering_is_recovered_from(data, monkeypatch, step, whe
         patch.setattr(f"experiments.session.{'' if '.' in step else 'recover.'}{step}", kill)
         recover(data)
     assert not recover(data)["faults"]
-    rows = read_table(of(data) / "trials.csv")
+    rows = read_rows(of(data) / "trials.csv")
     assert [(row.run, row.status) for row in rows][2:] == [(3, "recovered")]
     assert read_recording(of(data) / rows[2].recording).rows == 4500
     names = [path.name for path in (of(data) / "trials").iterdir()]
@@ -181,7 +181,7 @@ def test_one_recording_that_can_give_no_row_keeps_no_other_trial_from_its_row(da
     spoil(data)
     (of(data) / "trials.csv").unlink()
     done = recover(data)
-    assert [row.run for row in read_table(of(data) / "trials.csv")] == [2, 3]
+    assert [row.run for row in read_rows(of(data) / "trials.csv")] == [2, 3]
     assert done["rows_added"] == [f"sub-01/ses-01/trials.csv: run {run}" for run in ("2, done", "3, recovered")]
     (told,) = done["not_rescued"]
     assert "run-001.parquet: hand_fx_N: the sample of tick" in told and done["faults"]
@@ -195,7 +195,7 @@ def test_a_trial_that_a_bad_force_cut_short_has_a_row_without_measures(data, sta
     spoil(data, status=status)
     (of(data) / "trials.csv").unlink()
     assert not recover(data)["faults"]
-    rows = read_table(of(data) / "trials.csv")
+    rows = read_rows(of(data) / "trials.csv")
     assert [row.run for row in rows] == [1, 2, 3] and rows[0].status == status
     assert (
         rows[0].value("duration_s") is None

@@ -21,11 +21,11 @@ from app.progress import ProgressBar
 from app.session_server.server import refusal_of
 from app.window.widgets.work import BackgroundTask
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
-from experiments.analysis.trials_table import read_table
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
 from experiments.recording.reader import read_recording
 from experiments.session.files import LOCK, TRIALS, hold_lock
 from experiments.study.study import run_study
+from tests.support.rows import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name == "nt", reason="of POSIX")
@@ -377,4 +377,4 @@ def test_a_user_without_a_home_is_told_to_name_one(tmp_path):
 def test_a_link_to_a_device_is_not_read(tmp_path, name):
     (file := tmp_path / name).symlink_to("/dev/zero")
     with pytest.raises(InputError, match="is no regular file"):
-        (read_table if name == "trials.csv" else read_recording)(file)
+        (read_rows if name == "trials.csv" else read_recording)(file)

@@ -9,7 +9,6 @@ from sessions import Killed, killing, move_to_the_end, new_session, of, run, run
 
 from app.cli import main
 from core.files import InputError
-from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session import session as sessions
 from experiments.session.files import cell, free_participant, rows_of, write_pooled_table
@@ -18,6 +17,7 @@ from experiments.session.recover import recover
 from experiments.session.session import Participant, Session
 from experiments.session.verify import verify
 from experiments.study.analyze import analyze
+from tests.support.rows import read_rows
 
 
 def statuses(session):
@@ -139,7 +139,7 @@ def test_a_resumed_session_knows_what_was_skipped_redone_and_noted(data):
 def test_verify_finds_no_fault_in_it_and_analyze_gives_the_same_table(data, tmp_path):
     assert verify(data)["faults"] == []
     analyze(data, tmp_path / "out")
-    again, table = read_table(tmp_path / "out" / "trials.csv"), read_table(data / "trials.csv")
+    again, table = read_rows(tmp_path / "out" / "trials.csv"), read_rows(data / "trials.csv")
     assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
     assert [row.status for row in table] == ["done", "skipped", "redone", "done", "done"]
 

@@ -13,9 +13,10 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.analysis.trials_table import FINISHED, read_table
+from experiments.analysis.trials_table import FINISHED
 from experiments.session.files import cell
 from experiments.session.session import Participant, Session
+from tests.support.rows import read_rows
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     assert kept.whole and kept.outcome["reason"] == "the participant asked"
     assert kept.text("phase")[-1] == "end"
     assert snapshot.coming.run == run + 1
-    pooled = read_table(Path(window.opened.folder).parent.parent / "trials.csv")
+    pooled = read_rows(Path(window.opened.folder).parent.parent / "trials.csv")
     assert [(r.run, r.status) for r in pooled] == [(r.run, r.status) for r in snapshot.rows]
 
 

@@ -40,6 +40,7 @@ from app.window.main_window import SMALLEST
 from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, HOME, TRY
 from core.faults import cause
+from experiments.analysis.trials_table import as_rows, as_table
 from experiments.protocol_file import Consent
 from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
@@ -251,9 +252,10 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     analyse = screens.main.pages[ANALYSE]
     qtbot.waitUntil(lambda: analyse.results is not None, timeout=60_000)
     if shown == "a trial":
-        late = replace(analyse.rows[0], status="timeout")  # the notes below the charts are long then
-        analyse._show_results(analyse.results._replace(rows=(late, *analyse.rows[1:])))
-        analyse.open_trial(analyse.rows[-1])
+        first, *rest = as_rows(analyse.results.trials)
+        late = replace(first, status="timeout")  # the notes below the charts are long then
+        analyse._show_results(analyse.results._replace(trials=as_table([late, *rest])))
+        analyse.open_trial(rest[-1])
         qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
     else:
         analyse.show_page(shown)

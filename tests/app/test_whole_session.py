@@ -18,11 +18,11 @@ from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
-from experiments.analysis.trials_table import read_table
 from experiments.recording.reader import read_recording
 from experiments.session.files import cell
 from experiments.session.overview import scan_folder
 from experiments.session.verify import verify
+from tests.support.rows import read_rows
 
 LEAST_S = 1.0  # of a break
 
@@ -176,7 +176,7 @@ def test_the_key_of_a_finished_session_is_opened_by_somebody_with_a_name(window:
     assert {trial.controller for trial in window.opened.plan} == {1, 2}
     assert {row.controller for row in snapshot.rows} == {1, 2}
     assert [event["who"] for event in window.events("unblinded")] == ["R. Book"]
-    pooled = read_table(Path(window.opened.folder).parent.parent / "trials.csv")
+    pooled = read_rows(Path(window.opened.folder).parent.parent / "trials.csv")
     assert {row.controller for row in pooled} == {1, 2} and len(pooled) == len(snapshot.rows)
     settled = [row for row in snapshot.rows if row.status not in ("redone", "recovered")]
     assert sorted(map(cell, settled)) == sorted(map(cell, window.opened.plan))

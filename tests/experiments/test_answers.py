@@ -9,6 +9,7 @@ from sessions import closed_session, files
 
 from app.window.participant.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, AnswerSet, View
+from experiments.analysis.trials_table import as_table
 from experiments.export.export import export
 from experiments.export.files import (
     NOTES_CSV,
@@ -100,7 +101,7 @@ def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
 def job(shown, data, folder, sessions):
     """What the page Analyse exports."""
     view = View(("three-brake",), LABELS)
-    return ResultsJob(POOLED, tuple(shown), (), view, "note", data, tuple(sessions), folder)
+    return ResultsJob(POOLED, as_table(tuple(shown)), (), view, "note", data, tuple(sessions), folder)
 
 
 def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path):

@@ -18,7 +18,7 @@ from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplo
 from experiments.analysis.charts import View, box_statistics
 from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, as_table
 from experiments.protocol import label, load_protocol
 from tests.support.rows import with_measures
 
@@ -86,7 +86,7 @@ def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_ti
     assert names >= {"fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum"}  # the paper's
     wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "a").iterdir()} == wanted
-    figure = draw(rows, DRAWN[:1], 6.4, NOTE, View(BOTH, LABELS))
+    figure = draw(as_table(rows), DRAWN[:1], 6.4, NOTE, View(BOTH, LABELS))
     for path in paths:
         if path.stem == FIGURES[0].figure:
             assert path.read_bytes() == figure_bytes(figure, path.suffix[1:]), path.name
@@ -108,7 +108,7 @@ def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path):
 
 def drawn(rows, **more):
     """Path error: the figure, and all that stands under it."""
-    figure = draw(rows, DRAWN[:1], 6.4, NOTE, View(BOTH, LONG, **more))
+    figure = draw(as_table(rows), DRAWN[:1], 6.4, NOTE, View(BOTH, LONG, **more))
     return figure, " ".join(text.get_text() for text in figure.texts)
 
 

@@ -24,14 +24,14 @@ from experiments.analysis.charts import (
     left_out,
     legend,
 )
-from experiments.analysis.trials_table import write_table
+from experiments.analysis.trials_table import as_table
 from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import lateness_causes, session_lines, write_results
 from experiments.recording.atomic_files import first_free
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
 from experiments.session.playback import device_of, read_playback
-from tests.support.rows import with_measures
+from tests.support.rows import with_measures, write_rows
 
 DEVICES = ("three-brake", "four-brake")
 VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
@@ -50,66 +50,67 @@ def study():
 @pytest.mark.parametrize("page", [POOLED, PERSON, ORDER, SPEED])
 def test_every_trial_that_is_done_is_a_point_on_every_page(page):
     rows = study()
-    for chart in charts(page, rows, VIEW):
+    for chart in charts(page, as_table(rows), VIEW):
         assert len(chart.points) == 180 and not chart.timeouts and not chart.others
         assert all(chart.span[0] <= point.x <= chart.span[1] for point in chart.points)
-    error = charts(page, rows, VIEW)[0]
+    error = charts(page, as_table(rows), VIEW)[0]
     assert sorted(point.y for point in error.points) == pytest.approx(
         sorted(1e3 * row.value("path_error_m") for row in rows)
     )
-    assert charts(page, rows, VIEW) == charts(page, rows, VIEW)  # the places are fixed: the screen's are the print's
+    again = charts(page, as_table(rows), VIEW)
+    assert again == charts(page, as_table(rows), VIEW)  # the places are fixed: the screen's are the print's
 
 
 def test_a_trial_whose_time_was_up_is_a_cross_and_flattens_no_box_unless_it_is_asked_into_them():
     rows = study()
     rows[3] = with_measures(replace(rows[3], status="timeout"), path_error_m=0.065)
-    chart = charts(POOLED, rows, VIEW)[0]
+    chart = charts(POOLED, as_table(rows), VIEW)[0]
     assert [point.row for point in chart.timeouts] == [rows[3]] and chart.highest < 7.0
     assert max(at.box.high for at in chart.boxes) < 7.0
-    assert left_out(rows) == "1 trial timed out: crosses above the scale, not in the boxes."
+    assert left_out(as_table(rows)) == "1 trial timed out: crosses above the scale, not in the boxes."
     asked = VIEW._replace(timeouts=True)
-    chart = charts(POOLED, rows, asked)[0]
+    chart = charts(POOLED, as_table(rows), asked)[0]
     assert not chart.timeouts and chart.highest == pytest.approx(65.0)
-    assert left_out(rows, timeouts=True) == "1 trial timed out: in the boxes."
-    speed = charts(SPEED, rows, asked)[0]
+    assert left_out(as_table(rows), timeouts=True) == "1 trial timed out: in the boxes."
+    speed = charts(SPEED, as_table(rows), asked)[0]
     assert len(speed.points) == 179 and not speed.timeouts  # it did not come to the end: it has no mean speed
-    assert left_out(rows, *asked.timeouts_on(speed)) == "1 trial timed out: not shown."
+    assert left_out(as_table(rows), *asked.timeouts_on(speed)) == "1 trial timed out: not shown."
 
 
 def test_what_does_not_count_is_grey_and_in_no_box():
     rows = study()
     rows[0] = with_measures(replace(rows[0], status="excluded"), path_error_m=0.5)
     rows[1] = with_measures(replace(rows[1], status="redone"), path_error_m=0.5)
-    chart = charts(POOLED, rows, VIEW)[0]
+    chart = charts(POOLED, as_table(rows), VIEW)[0]
     assert [point.row for point in chart.others] == rows[:2]
     assert "Grey: trials that do not count." in legend(chart, VIEW)
     assert sum(at.box.n for at in chart.boxes) == len(chart.points) == 178
-    assert "1 trial excluded by the experimenter" in left_out(rows)
+    assert "1 trial excluded by the experimenter" in left_out(as_table(rows))
 
 
 def test_fewer_than_five_trials_have_no_box():
     rows = [row for row in study() if row.controller == 2 and row.configuration == "three-brake"]
     for count in (LEAST_IN_A_BOX - 1, LEAST_IN_A_BOX):
-        chart = charts(POOLED, rows[:count], VIEW)[0]
+        chart = charts(POOLED, as_table(rows[:count]), VIEW)[0]
         assert len(chart.points) == count and len(chart.boxes) == (count == LEAST_IN_A_BOX)
-    assert "Boxes need at least 5 trials." in legend(charts(POOLED, rows[:4], VIEW)[0], VIEW)
+    assert "Boxes need at least 5 trials." in legend(charts(POOLED, as_table(rows[:4]), VIEW)[0], VIEW)
 
 
 def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_participants_apart():
     rows = [replace(row, controller=f"K{row.controller}") for row in study()]
-    one = charts(POOLED, [row for row in rows if row.participant == "01"], VIEW)[0]
+    one = charts(POOLED, as_table([row for row in rows if row.participant == "01"]), VIEW)[0]
     assert [text for _, text in one.ticks] == ["K1", "K2", "K3", "K4", "K5"]
-    several = charts(POOLED, rows, VIEW)[0]
+    several = charts(POOLED, as_table(rows), VIEW)[0]
     assert len(several.ticks) == 15 and [name for _, name in several.ticks[:5]] == ["K1", "K2", "K3\nP01", "K4", "K5"]
     assert "Participant 01 · K" in several.points[0].text
     many = [replace(row, participant=f"{n:02d}") for n in range(1, 9) for row in rows if row.participant == "01"]
-    crowded = charts(POOLED, many, VIEW)[0]
+    crowded = charts(POOLED, as_table(many), VIEW)[0]
     assert [text for _, text in crowded.ticks if text] == [f"P{n:02d}" for n in range(1, 9)]
-    chart = charts(PERSON, rows, VIEW)[0]
+    chart = charts(PERSON, as_table(rows), VIEW)[0]
     assert len({round(placed.x, 6) for placed in chart.boxes}) == 3 * 5 * 2
     assert min(placed.half for placed in chart.boxes) > 0.03
     answers = [AnswerSet(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
-    (chart,) = charts(QUESTIONS, study(), VIEW, answers)
+    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, answers)
     assert chart.highest == 100.0, "an answer stands on the whole of its scale"
     assert len(chart.boxes) == 2
 
@@ -117,21 +118,21 @@ def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_part
 @pytest.mark.parametrize("page", [PERSON, ORDER, SPEED])
 def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controller(page):
     view, rows = VIEW._replace(names={**VIEW.names, 4: "Proportional,\nhigh gain"}), study()
-    chart = charts(page, rows, view)[0]
+    chart = charts(page, as_table(rows), view)[0]
     named = coloured([chart], view)
     assert list(named) == [1, 2, 3, 4, 5] and named[4] == "Proportional, high gain"
     assert all(f" · {view.name(point.row.controller)} · run {point.row.run} · " in point.text for point in chart.points)
-    (key,) = chart_figure(chart, rows, "", view).legends
+    (key,) = chart_figure(chart, as_table(rows), "", view).legends
     looks = {text.get_text(): dot.get_color() for text, dot in zip(key.get_texts(), key.get_lines(), strict=True)}
     assert looks == {name: colour_of(controller) for controller, name in named.items()}
     coded = [replace(row, controller=f"K{row.controller}") for row in rows]
-    assert coloured(charts(page, coded, view), view) == {}
-    assert not chart_figure(charts(page, coded, view)[0], coded, "", view).legends
+    assert coloured(charts(page, as_table(coded), view), view) == {}
+    assert not chart_figure(charts(page, as_table(coded), view)[0], as_table(coded), "", view).legends
 
 
 def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
     rows = [with_measures(row, path_error_m=1e-3 * row.run) for row in study() if row.participant == "01"]
-    curve = dict(charts(ORDER, rows, VIEW)[0].curve)
+    curve = dict(charts(ORDER, as_table(rows), VIEW)[0].curve)
     assert curve[30.0] == pytest.approx(30.0) and curve[1.0] == pytest.approx(3.5)
 
 
@@ -140,12 +141,12 @@ def test_answers_stand_by_question_and_device():
         AnswerSet(f"{n:02d}", device, 1, 0, {"effort": 5.0 * n, "mental_demand": 5.0 * n}, "")
         for n in range(6) for device in DEVICES
     ]  # fmt: skip
-    (chart,) = charts(QUESTIONS, study(), VIEW, answers)
+    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, answers)
     assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
-    assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, study(), VIEW) == []
+    assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, as_table(study()), VIEW) == []
     assert [at.look for at in sorted(chart.boxes)] == [0, 1, 0, 1]  # the first device stands first
     after = [answer._replace(controller=1 + n % 2, block=0) for n, answer in enumerate(answers)]
-    (chart,) = charts(QUESTIONS, study(), VIEW, after)
+    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, after)
     assert {point.controller for point in chart.points} == {1, 2}
     assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"
 
@@ -165,29 +166,29 @@ def data(tmp_path_factory):
 
 def test_a_data_folder_a_session_and_a_bare_table_can_all_be_looked_at(data, tmp_path):
     whole, one = read_results(data), read_results(data / "sub-01" / "ses-01")
-    assert [row.status for row in whole.rows] == ["redone", "excluded", "done"] and whole.planned == {"01": 20}
+    assert list(whole.trials["status"]) == ["redone", "excluded", "done"] and whole.planned == {"01": 20}
     assert whole.controllers and whole.lengths[1] > 0.0 and "assumed" in whole.note and not whole.problems
     for results in (whole, one):
-        assert all((results.folder / row.recording).exists() for row in results.rows)
-    write_table(tmp_path / "trials.csv", study())
+        assert all((results.folder / name).exists() for name in results.trials["recording"])
+    write_rows(tmp_path / "trials.csv", study())
     bare = read_results(tmp_path)
-    assert len(bare.rows) == 180 and bare.labels[3] == "controller\n3" and bare.configurations == DEVICES
-    assert read_results(tmp_path / "..").rows == () and pytest.raises(InputError, read_results, tmp_path / "none")
+    assert len(bare.trials) == 180 and bare.labels[3] == "controller\n3" and bare.configurations == DEVICES
+    assert read_results(tmp_path / "..").trials.empty and pytest.raises(InputError, read_results, tmp_path / "none")
 
 
 def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
     for who in ("01", "02"):
         (tmp_path / f"sub-{who}" / "ses-01").mkdir(parents=True)
-    write_table(tmp_path / "sub-01" / "ses-01" / "trials.csv", study()[:60])
+    write_rows(tmp_path / "sub-01" / "ses-01" / "trials.csv", study()[:60])
     (tmp_path / "sub-02" / "ses-01" / "trials.csv").write_text("nonsense")
     results = read_results(tmp_path)
-    assert len(results.rows) == 60 and "sub-02" in results.problems[0]
+    assert len(results.trials) == 60 and "sub-02" in results.problems[0]
 
 
 @pytest.mark.parametrize(("page", "name"), [(POOLED, "path_error"), (ORDER, "path_error_by_run")])
 def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_over_anything(tmp_path, page, name):
     rows = tuple(study())
-    job = ResultsJob(page, rows, (), VIEW, "a note", tmp_path, (), first_free(tmp_path, "results"))
+    job = ResultsJob(page, as_table(rows), (), VIEW, "a note", tmp_path, (), first_free(tmp_path, "results"))
     assert write_results(job) == 10
     there = {path.name for path in job.folder.iterdir()}
     assert {f"{name}.{form}" for form in ("png", "svg", "pdf")} <= there and not any("fig" in one for one in there)
@@ -205,7 +206,7 @@ def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(d
         "run 1 repeated: looked away", "run 2 excluded: the participant sneezed", "asked to move a little slower",
     ):  # fmt: skip
         assert part in text
-    job = ResultsJob(POOLED, (), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
+    job = ResultsJob(POOLED, as_table(()), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
     assert write_results(job) == 1
     assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
 
@@ -242,7 +243,8 @@ def test_four_devices_are_drawn_in_four_ways_and_the_legend_names_them():
     devices = ("one", "two", "three", "four")
     of_one = [row for row in study() if row.configuration == DEVICES[0]]
     view = VIEW._replace(configurations=devices)
-    chart = charts(POOLED, [replace(row, configuration=device) for row in of_one for device in devices], view)[0]
+    trials = as_table(replace(row, configuration=device) for row in of_one for device in devices)
+    chart = charts(POOLED, trials, view)[0]
     assert {(placed.configuration, placed.look) for placed in chart.boxes} == set(zip(devices, range(4), strict=True))
     assert legend(chart, view)[:4] == ["Filled: one.", "Open: two.", "Hatched: three.", "Dotted: four."]
     five = VIEW._replace(configurations=(*devices, "five"))

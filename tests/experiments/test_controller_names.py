@@ -12,13 +12,14 @@ from exports import errors, rows
 from protocols import PAPER, protocol_of, short
 from sessions import crash_in_trial, files, new_session, of, run_trials
 
-from experiments.analysis.trials_table import read_table, table_bytes, with_name, write_table
+from experiments.analysis.trials_table import as_table, table_bytes, with_name
 from experiments.export.export import export
 from experiments.session.files import pooled_rows, rows_of, write_pooled_table
 from experiments.session.recover import recover
 from experiments.session.session import Session
 from experiments.session.verify import verify
 from experiments.study.analyze import analyze
+from tests.support.rows import read_rows, write_rows
 
 #: Two controllers that Table I has not, with numbers of their own.
 OTHERS = """
@@ -72,8 +73,8 @@ def open_data(tmp_path_factory) -> Path:
 def as_before(data: Path) -> None:
     """The tables as the version before controller_name wrote them."""
     for table in data.rglob("trials.csv"):
-        early = [replace(row, controller_name=None) for row in read_table(table)]
-        write_table(table, early, replacing=True)
+        early = [replace(row, controller_name=None) for row in read_rows(table)]
+        write_rows(table, early, replacing=True)
         assert b"controller_name" not in table.read_bytes()
 
 
@@ -90,8 +91,8 @@ def test_every_row_of_every_table_has_the_name_that_the_protocol_gives(open_data
         assert [row["controller_name"] for row in found] == [NAMES[int(row["controller"])] for row in found]
         assert list(found[0])[-1] == "controller_name"
     analyze(open_data, tmp_path / "again")
-    again = [replace(row, recording="") for row in read_table(tmp_path / "again" / "trials.csv")]
-    assert again == [replace(row, recording="") for row in read_table(open_data / "trials.csv")]
+    again = [replace(row, recording="") for row in read_rows(tmp_path / "again" / "trials.csv")]
+    assert again == [replace(row, recording="") for row in read_rows(open_data / "trials.csv")]
     assert verify(open_data)["faults"] == []
 
 
@@ -99,8 +100,8 @@ def test_a_changed_or_emptied_name_in_a_table_is_a_fault(open_data, tmp_path):
     for other in ("Rail, 3 mm", ""):
         data = shutil.copytree(open_data, tmp_path / f"data{len(other)}")
         table = of(data) / "trials.csv"
-        first, *rest = read_table(table)
-        write_table(table, [replace(first, controller_name=other), *rest], replacing=True)
+        first, *rest = read_rows(table)
+        write_rows(table, [replace(first, controller_name=other), *rest], replacing=True)
         faults = [one["fault"] for one in verify(data)["faults"] if one["file"].endswith("ses-01/trials.csv")]
         assert faults == [f"run 1: controller_name is {other or 'empty'}, its recording gives {first.controller_name}"]
 
@@ -136,9 +137,9 @@ def test_an_interrupted_session_of_an_earlier_version_goes_on_to_a_table_with_ev
     session.close()
     write_pooled_table(data)
     for table in (of(data) / "trials.csv", data / "trials.csv"):
-        found = read_table(table)
+        found = read_rows(table)
         assert [row.controller_name for row in found] == [NAMES[row.controller] for row in found]
-        assert len(lengths(table)) == 1 and table_bytes(found) == table.read_bytes()
+        assert len(lengths(table)) == 1 and table_bytes(as_table(found)) == table.read_bytes()
     assert len(found) == 4 + 3 + crashed and verify(data)["faults"] == []
 
 
@@ -150,7 +151,7 @@ def test_old_and_new_sessions_in_one_folder_make_one_table_in_which_every_row_ha
     session.close()
     write_pooled_table(data)
     assert len(lengths(data / "trials.csv")) == 1 and verify(data)["faults"] == []
-    for row in read_table(data / "trials.csv"):
+    for row in read_rows(data / "trials.csv"):
         assert row.controller_name == (NAMES[row.controller] if row.participant == "01" else
                                        PAPER.controllers[row.controller].name)  # fmt: skip
 
@@ -185,10 +186,10 @@ def test_opened_a_session_has_the_names_in_every_row_the_skipped_and_redone_ones
     session.unblind("Dr Weiss")
     session.close()
     for table in data.rglob("trials.csv"):
-        found = read_table(table)
+        found = read_rows(table)
         assert [row.controller_name for row in found] == [NAMES[row.controller] for row in found]
         assert {row.status for row in found} == {"redone", "done", "skipped"} and len(lengths(table)) == 1
-    assert verify(data)["faults"] == [] and read_table(data / "trials.csv") == pooled_rows(data)
+    assert verify(data)["faults"] == [] and read_rows(data / "trials.csv") == pooled_rows(data)
 
 
 def test_the_data_dictionary_says_what_each_controller_of_the_protocol_is(open_data, tmp_path):
@@ -228,6 +229,6 @@ def test_a_session_whose_record_cannot_be_read_keeps_the_names_that_its_recordin
     assert files_named == {"sub-01/ses-01/session.json"}
     (of(data) / "trials.csv").unlink()
     recover(data)
-    found = {row.status: row.controller_name for row in read_table(of(data) / "trials.csv")}
+    found = {row.status: row.controller_name for row in read_rows(of(data) / "trials.csv")}
     assert found["done"] in NAMES.values() and found["skipped"] == ""
-    assert with_name(replace(read_table(of(data) / "trials.csv")[0], controller_name=None), {}).controller_name is None
+    assert with_name(replace(read_rows(of(data) / "trials.csv")[0], controller_name=None), {}).controller_name is None

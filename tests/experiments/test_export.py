@@ -20,7 +20,7 @@ from sessions import closed_session, crash_in_trial, files, new_session, run, se
 from app.cli import main
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, read_table, write_table
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow
 from experiments.export.export import CsvTables, export
 from experiments.export.files import recording_column
 from experiments.recording.reader import read_recording
@@ -28,6 +28,7 @@ from experiments.recording.schema import Sensors, recording_columns
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
 from experiments.session.files import pooled_rows
 from experiments.session.session import Participant, Session
+from tests.support.rows import read_rows, write_rows
 
 SESSION = Path("sub-01", "ses-01")
 
@@ -189,13 +190,13 @@ def test_a_compressed_export_holds_the_same_bytes(study, exported, tmp_path):
     assert unpacked == {
         name: data for name, data in plain.items() if Path(name).name.startswith("run-") and ".csv" in name
     }
-    assert read_table(one / "trials.csv")[0].recording.endswith("run-001.csv.gz")
+    assert read_rows(one / "trials.csv")[0].recording.endswith("run-001.csv.gz")
     assert "sub-*/ses-*/run-*.csv.gz" in json.loads((one / "columns.json").read_text())
     assert sorted(name for name in found if name.endswith(".json")) == sorted(n for n in plain if n.endswith(".json"))
 
 
 def test_the_tables_hold_the_rows_of_the_study(study, exported):
-    rows = read_table(exported["csv"] / "trials.csv")
+    rows = read_rows(exported["csv"] / "trials.csv")
     assert [replace(r, recording="") for r in rows[:3]] == [replace(r, recording="") for r in pooled_rows(study)]
     assert all((exported["csv"] / r.recording).exists() for r in rows)
     scans = [line for path in sorted(exported["bids"].rglob("*_scans.tsv")) for line in table(path)[1:]]
@@ -249,18 +250,18 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
         [entry] = [entry for entry in said["left_out"] if f"run-{number}" in entry]
         assert why in entry
         assert all(entry in (out / "README.md").read_text() for out in outs.values())
-    assert [r.run for r in read_table(outs["csv"] / "trials.csv")] == [1, 104]
+    assert [r.run for r in read_rows(outs["csv"] / "trials.csv")] == [1, 104]
     assert not [name for name in files(outs["bids"]) if "run-02" in name or "run-03" in name]
 
 
 def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_says(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
-    first, *rest = read_table(folder / SESSION / "trials.csv")
+    first, *rest = read_rows(folder / SESSION / "trials.csv")
     empty = TrialRow("01", 50, 1, "three-brake", 1, 1, 1, "aborted")
-    write_table(folder / SESSION / "trials.csv", [replace(first, status="redone"), *rest, empty], replacing=True)
+    write_rows(folder / SESSION / "trials.csv", [replace(first, status="redone"), *rest, empty], replacing=True)
     out = tmp_path / "csv"
     export(folder, {"csv": out})
-    rows = read_table(out / "trials.csv")
+    rows = read_rows(out / "trials.csv")
     assert [r.run for r in rows] == [1, 2, 3, 50, 104]
     assert [r.status for r in rows] == ["redone", "done", "done", "aborted", "timeout"]
     assert rows[3].recording == ""
@@ -270,16 +271,16 @@ def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_
 def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
     name = folder / SESSION / "trials.csv"
-    rows = [replace(r, controller=f"K{r.controller}") for r in read_table(name)]
-    write_table(name, rows, replacing=True)
+    rows = [replace(r, controller=f"K{r.controller}") for r in read_rows(name)]
+    write_rows(name, rows, replacing=True)
     outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
     assert export(folder, outs)["blind"] == ["sub-01/ses-01"]
     for out in outs.values():
         text = {name: content for name, content in files(out).items() if name.startswith("sub-01")}
         assert not [name for name, content in text.items() if b"sdof" in content or b"current_" in content]
         assert not [name for name, content in text.items() if b'"seed"' in content or b"torque" in content]
-    assert [r.controller for r in read_table(outs["csv"] / "trials.csv")[:3]] == [r.controller for r in rows]
-    assert {type(r.value("unreachable_share")) for r in read_table(outs["csv"] / "trials.csv")[:3]} == {type(None)}
+    assert [r.controller for r in read_rows(outs["csv"] / "trials.csv")[:3]] == [r.controller for r in rows]
+    assert {type(r.value("unreachable_share")) for r in read_rows(outs["csv"] / "trials.csv")[:3]} == {type(None)}
     assert not errors(outs["bids"])
 
 

@@ -32,7 +32,7 @@ from experiments.analysis.findings import (
 )
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.statistics import Interval, mean_interval, spreads
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, as_table
 from tests.support.rows import with_measures
 
 DEVICES = ("three-brake", "four-brake")
@@ -72,7 +72,7 @@ def study(people=12, devices=DEVICES, table=PAPER, wider=2.0, noise=0.02, seed=0
 
 
 def verdicts(rows):
-    return {one.statement.number: one.verdict for one in findings(rows)}
+    return {one.statement.number: one.verdict for one in findings(as_table(rows))}
 
 
 def changed(rows, column, by, controller=None, device=None, participant=None):
@@ -88,7 +88,7 @@ def changed(rows, column, by, controller=None, device=None, participant=None):
 
 
 def test_all_eleven_hold_in_data_made_as_the_paper_found_them():
-    assert [one.statement.number for one in findings(study())] == list(range(1, 12))
+    assert [one.statement.number for one in findings(as_table(study()))] == list(range(1, 12))
     assert set(verdicts(study()).values()) == {HOLDS}
 
 
@@ -125,13 +125,13 @@ def test_a_statement_that_the_data_contradict_does_not_hold(number, columns, by,
 
 @pytest.mark.parametrize("column", ACCELERATIONS)
 def test_two_sums_that_disagree_say_that_it_depends_on_the_cut_and_one_device_is_enough_to_contradict(column):
-    found = findings(changed(study(), column, 2.0, 3))[3]
+    found = findings(as_table(changed(study(), column, 2.0, 3)))[3]
     assert found.verdict == DEPENDS and found.statement.number == 4
     assert "As cut, it " in found.sentence and "Without the ramp, it " in found.sentence
     rows = study()
     for one in ACCELERATIONS:
         rows = changed(rows, one, 2.0, 3, "four-brake")
-    found = findings(rows)[3]
+    found = findings(as_table(rows))[3]
     assert found.verdict == FAILS and "four-brake" in found.sentence
 
 
@@ -152,7 +152,7 @@ def test_15_percent_of_the_uncontrolled_mean_may_be_given_up_and_30_are_similar(
 def test_a_reduction_too_small_to_matter_is_said_to_be_so_even_in_everyone_and_chance_is_none():
     """Force with gap 1 % lower in all, or lower or higher by person: no reduction; 60 % either way is open."""
     for lower, verdict in ((0.01, FAILS), (0.6, HOLDS)):
-        found = findings(study(table={**PAPER, 3: (2.2, 0.1, (1.0 - lower) * 6.0, 40.0)}))[4]
+        found = findings(as_table(study(table={**PAPER, 3: (2.2, 0.1, (1.0 - lower) * 6.0, 40.0)})))[4]
         assert found.verdict == verdict and ("smaller than matters" in found.sentence) == (verdict == FAILS)
     for either_way, verdict in ((0.01, FAILS), (0.6, CANNOT_TELL)):
         rows = study(table={**PAPER, 3: (2.2, 0.1, 6.0, 40.0)})
@@ -163,13 +163,13 @@ def test_a_reduction_too_small_to_matter_is_said_to_be_so_even_in_everyone_and_c
 
 def test_order_of_rows_names_of_people_units_of_force_and_trials_that_do_not_count_change_nothing():
     rows = changed(study(noise=0.3), "acceleration_dft_sum", 1.45, 3)
-    before = [(one.verdict, ratios(one)) for one in findings(rows)]
+    before = [(one.verdict, ratios(one)) for one in findings(as_table(rows))]
     others = [replace(row, participant=f"p{row.participant}x") for row in rows]
     random.Random(1).shuffle(others)
     others = [with_measures(row, mean_tip_force_N=7.0 * row.value("mean_tip_force_N")) for row in others]
     for status in ("aborted", "redone", "recovered"):
         others.append(with_measures(replace(others[0], status=status), path_error_m=1.0, mean_tip_force_N=1e3))
-    after = [(one.verdict, ratios(one)) for one in findings(others)]
+    after = [(one.verdict, ratios(one)) for one in findings(as_table(others))]
     assert [verdict for verdict, _ in after] == [verdict for verdict, _ in before]
     for (_, now), (_, then) in zip(after, before, strict=True):
         assert now == pytest.approx(then)
@@ -182,15 +182,15 @@ def ratios(finding):
 
 def test_a_missing_controller_or_device_is_named_and_nothing_is_said_about_it():
     without = [row for row in study() if row.controller != 3]
-    found = findings(without)
+    found = findings(as_table(without))
     assert {n for n, v in verdicts(without).items() if v == CANNOT_TELL} == {1, 3, 4, 5, 6, 9, 10, 11}
     assert "No trials of 'SDOF with gap' on three-brake" in found[3].sentence
-    one_device = findings([row for row in study() if row.configuration == "three-brake"])
+    one_device = findings(as_table([row for row in study() if row.configuration == "three-brake"]))
     assert [one.verdict for one in one_device] == [HOLDS] * 9 + [CANNOT_TELL, HOLDS]
     assert "on four-brake" in one_device[9].sentence
-    assert {one.verdict for one in findings([])} == {CANNOT_TELL}
+    assert {one.verdict for one in findings(as_table([]))} == {CANNOT_TELL}
     one_trial_each = [row for row in study(people=1, wider=1.0) if (row.segment, row.repetition) == (1, 1)]
-    assert findings(one_trial_each)[2].sentence == (
+    assert findings(as_table(one_trial_each))[2].sentence == (
         "Path error without control does not vary, as that of a single trial."
     )
 
@@ -200,26 +200,25 @@ def test_a_controller_that_lets_few_reach_the_end_is_not_judged_by_how_far_they_
     """An aborted trial is one of a person who failed at the device."""
     rows = study()
     late = [replace(r, status=status) if r.controller == 3 and r.repetition == 1 else r for r in rows]
-    found = findings(late)[4]
+    found = findings(as_table(late))[4]
     assert found.verdict == CANNOT_TELL
     assert (
         "only 67 % of the trials of 'SDOF with gap' on three-brake reached the end"
         in found.sentence.lower().replace("sdof", "SDOF")
     )
     nothing = [with_measures(r, path_error_m=None) if r.controller == 3 else r for r in rows]
-    assert "Nothing measured" in findings(nothing)[5].sentence
+    assert "Nothing measured" in findings(as_table(nothing))[5].sentence
 
 
 def test_few_people_decide_only_what_is_plain_among_them_and_one_person_nothing():
     rows = study(people=3)
-    assert set(verdicts(rows).values()) == {HOLDS} and {e.found.people for f in findings(rows) for e in f.evidence} == {
-        3
-    }
+    assert set(verdicts(rows).values()) == {HOLDS}
+    assert {e.found.people for f in findings(as_table(rows)) for e in f.evidence} == {3}
     for column in FORCES:
         rows = changed(rows, column, 2.0, 3, None, "02")
-    found = findings(rows)[4]
+    found = findings(as_table(rows))[4]
     assert found.verdict == CANNOT_TELL and "the interval is too wide" in found.sentence
-    found = findings(study(people=1))
+    found = findings(as_table(study(people=1)))
     assert {one.verdict for one in found} == {CANNOT_TELL}
     assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
 
@@ -283,20 +282,20 @@ def test_spread_is_the_mean_distance_of_a_persons_trials_from_the_line_in_the_bo
     rows = [row for row in study(people=2) if (row.controller, row.configuration) == (2, "four-brake")]
     middle = np.median([row.value("path_error_m") for row in rows])
     by_hand = np.mean([abs(row.value("path_error_m") - middle) for row in rows if row.participant == "02"])
-    assert spreads(rows, "path_error_m")["02", "four-brake", 2] == pytest.approx(by_hand)
+    assert spreads(as_table(rows), "path_error_m")["02", "four-brake", 2] == pytest.approx(by_hand)
 
 
 def test_several_studies_stand_side_by_side_with_the_reasons():
     rows = study()
     worse = changed(rows, "path_error_m", 1.3, 3)
-    table = side_by_side({"settled": rows, "literal": worse})
+    table = side_by_side({"settled": as_table(rows), "literal": as_table(worse)})
     lines = table.splitlines()
     assert lines[0] == "| | the paper says | settled | literal | settled, by boxes | literal, by boxes |"
     assert f"| 6 | {STATEMENTS[5].text} | holds | does not hold | holds | does not hold |" in lines
     assert len([line for line in lines if line.startswith("| ") and line[2].isdigit()]) == 11
     assert "- 6, does not hold: 2 of 2 fail. Path error, SDOF with gap against SDOF, " in table
     assert "**literal**" in table and "**settled**" not in table
-    assert "Three participants" in side_by_side({"few": study(people=3)})
+    assert "Three participants" in side_by_side({"few": as_table(study(people=3))})
 
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
@@ -434,9 +433,9 @@ def test_a_missing_box_leaves_its_statements_open_and_no_others_and_a_statement_
 @pytest.mark.parametrize("status", ["timeout", "aborted"])
 def test_boxes_pool_the_trials_of_everyone_that_reached_the_end(status):
     rows = study(people=3)
-    boxes = {cell: box for cell, box in pooled_boxes(rows).items() if cell[1:] == ("three-brake", 2)}
+    boxes = {cell: box for cell, box in pooled_boxes(as_table(rows)).items() if cell[1:] == ("three-brake", 2)}
     errors = sorted(r.value("path_error_m") for r in rows if (r.configuration, r.controller) == ("three-brake", 2))
     assert boxes[ERROR, "three-brake", 2] == tuple(np.quantile(errors, (0.25, 0.5, 0.75))) and len(errors) == 18
     late = [replace(r, status=status) if r.controller == 3 and r.repetition == 1 else r for r in rows]
-    found = {one.statement.number: one for one in box_findings_of(late)}
+    found = {one.statement.number: one for one in box_findings_of(as_table(late))}
     assert found[5].verdict == CANNOT_TELL and "too few of its trials reached the end" in found[5].sentence

@@ -17,6 +17,7 @@ from experiments.analysis.chart_figures import JOURNAL, SCREEN, draw, draw_boxpl
 from experiments.analysis.charts import View
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import COLUMN_IN, PAGE_IN, STYLE, figure_bytes
+from experiments.analysis.trials_table import as_table
 from experiments.paper_figures import pictures
 
 BOTH = ("three-brake", "four-brake")
@@ -39,7 +40,7 @@ def test_the_papers_figures_have_a_width_and_text_that_a_journal_takes(picture):
 @pytest.mark.parametrize(("metrics", "width"), [([DRAWN[2]], COLUMN_IN), (DRAWN, PAGE_IN)])
 def test_box_plots_for_a_journal_have_no_text_outside_or_over_another(metrics, width):
     rows = study()
-    figure = draw(rows, [BY_NAME[metric.name] for metric in metrics], width, NOTE, View(BOTH, LABELS))
+    figure = draw(as_table(rows), [BY_NAME[metric.name] for metric in metrics], width, NOTE, View(BOTH, LABELS))
     with matplotlib.rc_context(STYLE):
         figure.draw_without_rendering()
     shown = texts_of(figure)
@@ -53,7 +54,7 @@ def test_box_plots_for_a_journal_have_no_text_outside_or_over_another(metrics, w
 
 @pytest.mark.usefixtures("fine_prints")
 def test_text_is_text_in_svg_and_fonts_in_pdf():
-    figure = draw(study(1), [DRAWN[0]], COLUMN_IN, NOTE, View(BOTH, LABELS))
+    figure = draw(as_table(study(1)), [DRAWN[0]], COLUMN_IN, NOTE, View(BOTH, LABELS))
     svg = figure_bytes(figure, "svg").decode()
     assert "<text" in svg and "Path error (mm)" in svg and NOTE.split()[0] in svg
     pdf = figure_bytes(figure, "pdf")

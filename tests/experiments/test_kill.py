@@ -20,12 +20,13 @@ if __name__ == "__main__":
 
 from killed_phd import KilledPhd
 
-from experiments.analysis.trials_table import COUNTED, TrialRow, read_table
+from experiments.analysis.trials_table import COUNTED, TrialRow
 from experiments.recording.reader import read_recording
 from experiments.session.files import cell, open_trials, read_stored, rows_of
 from experiments.session.journal import journal_summary, read_events
 from experiments.session.recover import recover
 from experiments.session.verify import verify
+from tests.support.rows import read_rows
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the processes to kill are forks")
 
@@ -37,7 +38,7 @@ def streams(folder: Path) -> dict[str, object]:
 
 def table(folder: Path) -> list[TrialRow]:
     path = folder / "sub-01" / "ses-01" / "trials.csv"
-    return read_table(path) if path.exists() else []
+    return read_rows(path) if path.exists() else []
 
 
 def check_after_kill(folder: Path, reference: Path | None) -> None:
@@ -75,14 +76,14 @@ def check_after_kill(folder: Path, reference: Path | None) -> None:
                 now, then = kept.columns, true.columns
                 assert all(np.array_equal(v, then[k][: kept.rows], equal_nan=True) for k, v in now.items())
     if reference:
-        theirs = {row.run: row for row in read_table(reference / "sub-01" / "ses-01" / "trials.csv")}
+        theirs = {row.run: row for row in read_rows(reference / "sub-01" / "ses-01" / "trials.csv")}
         assert all(row == theirs[run] for run, row in rows.items() if row.status in COUNTED)
 
 
 def check_complete(folder: Path) -> None:
     """Every cell of the plan is settled exactly once, whatever happened on the way."""
     session = folder / "sub-01" / "ses-01"
-    rows = read_table(folder / "trials.csv")
+    rows = read_rows(folder / "trials.csv")
     settled = Counter(cell(row) for row in rows if row.status in COUNTED)
     assert settled == Counter(cell(trial) for trial in read_stored(session).plan)
     assert {row.status for row in rows} <= {*COUNTED, "recovered"} and len({row.run for row in rows}) == len(rows)

@@ -19,7 +19,7 @@ from experiments.analysis.chart_figures import draw
 from experiments.analysis.charts import POOLED, View, charts
 from experiments.analysis.metrics import BY_NAME, METRICS
 from experiments.analysis.own_measures import TAKEN, metrics_in, own_metrics
-from experiments.analysis.trials_table import COLUMNS, measure, read_table
+from experiments.analysis.trials_table import COLUMNS, measure
 from experiments.export.export import export
 from experiments.export.results import read_results
 from experiments.protocol import load_protocol
@@ -31,6 +31,7 @@ from experiments.study.power import measure_of
 from experiments.study.replay import replay
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
+from tests.support.rows import read_rows
 
 FAILS = """
 
@@ -67,9 +68,9 @@ def test_it_has_its_column_its_chart_its_lines_in_the_report_and_its_unit_in_a_f
     results = read_results(study.out)
     assert [metric.name for metric in results.own] == ["late_error_mm", "hard_push_share", "failing"]
     view = View(results.configurations, results.labels, measures=results.own)
-    shown = charts(POOLED, results.rows, view)
+    shown = charts(POOLED, results.trials, view)
     assert sorted(point.y for point in shown[0].points) == sorted(late) and not shown[2].points
-    drawn = draw(results.rows, results.own, 9.0, "", view)
+    drawn = draw(results.trials, results.own, 9.0, "", view)
     assert [axes.get_title(loc="left") for axes in drawn.axes] == ["Late error (mm)", "Hard push", "Failing"]
     boxes = phd.boxes(trials, "late_error_mm")
     assert boxes.loc[(1, "three-brake"), "median"] == trials.query("controller == 1")["late_error_mm"].median()
@@ -77,7 +78,7 @@ def test_it_has_its_column_its_chart_its_lines_in_the_report_and_its_unit_in_a_f
 
 
 def test_where_it_fails_the_trial_stays_its_cell_is_empty_and_it_is_counted_and_said(study):
-    rows = read_table(study.out / "trials.csv")
+    rows = read_rows(study.out / "trials.csv")
     assert len(rows) == 2 and all(row.status == "done" and "failing" not in row.own for row in rows)
     assert "failing" not in (study.out / "trials.csv").read_text()
     said = study.summary["warnings"]
@@ -90,15 +91,15 @@ def test_where_it_fails_the_trial_stays_its_cell_is_empty_and_it_is_counted_and_
 
 def test_the_recordings_alone_give_the_same_table_and_verify_tells_a_changed_cell(study):
     found = analyze(study.out, study.folder / "again")
-    before, again = (read_table(folder / "trials.csv") for folder in (study.out, study.folder / "again"))
+    before, again = (read_rows(folder / "trials.csv") for folder in (study.out, study.folder / "again"))
     assert [row.own for row in again] == [row.own for row in before]
     assert any("ZeroDivisionError" in warning for warning in found["warnings"]) and found["changed"] == []
     assert verify(study.out)["faults"] == []
     table = study.folder / "kept/sub-01/ses-01/trials.csv"
-    value = repr(read_table(table)[0].own["late_error_mm"])
+    value = repr(read_rows(table)[0].own["late_error_mm"])
     table.write_text(table.read_text().replace(value, "7.25"))
     assert any("late_error_mm is 7.25" in fault["fault"] for fault in verify(study.folder / "kept")["faults"])
-    measures = replay(study.out / read_table(study.out / "trials.csv")[0].recording)["metrics"]
+    measures = replay(study.out / read_rows(study.out / "trials.csv")[0].recording)["metrics"]
     assert measures["late_error_mm"]["change"] == 0.0
 
 
@@ -110,7 +111,7 @@ def test_an_export_describes_it_and_a_blind_table_hides_it(study):
     assert json.loads((study.folder / "bids/scans.json").read_text())["late_error_mm"]["Units"] == "mm"
     header, first = (study.folder / "bids/sub-01/ses-01/sub-01_ses-01_scans.tsv").read_text().splitlines()[:2]
     cells = dict(zip(header.split("\t"), first.split("\t"), strict=True))
-    row = next(row for row in read_table(study.out / "trials.csv") if row.participant == "01")
+    row = next(row for row in read_rows(study.out / "trials.csv") if row.participant == "01")
     assert float(cells["late_error_mm"]) == row.own["late_error_mm"] and cells["failing"] == "n/a"
     assert blinded(row).own == row.own, "opened"
     assert blinded(type(row)(**{**vars(row), "controller": "K1"})).own == {}
@@ -167,7 +168,7 @@ def test_a_file_that_declares_no_measures_is_refused_in_a_sentence(text: str, wa
 ])  # fmt: skip
 def test_an_answer_that_is_no_finite_number_is_said(study, answer: str, wanted: str):
     text = f"{MEASURE}\nMEASURES = (Measure('a', 'A', '', lambda m: {answer}),)\n"
-    recording = read_recording(study.out / read_table(study.out / "trials.csv")[0].recording)
+    recording = read_recording(study.out / read_rows(study.out / "trials.csv")[0].recording)
     path = build_path(path_from(recording.metadata["path"], "path"), "path")
     measured, failed = measure(recording, path, (), metrics_in("odd", text))
     assert re.search(wanted, failed.get("a", "")) and (measured == {}) == bool(wanted)

@@ -6,7 +6,7 @@ from protocols import protocol_of
 
 from experiments.analysis.report import write_report
 from experiments.analysis.statistics import statistics
-from experiments.analysis.trials_table import StudyData
+from experiments.analysis.trials_table import StudyData, as_table
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
 
@@ -33,13 +33,14 @@ kind = "none"
 
 def test_a_report_of_ones_own_experiment_compares_its_controllers_by_name(tmp_path: Path):
     protocol = protocol_of(GUIDES)
-    rows = [row for row, _ in study_trials(protocol, load_population(), 7)]
-    write_report(StudyData(rows, protocol.controllers, "guides", protocol.note(), protocol.note(), True), tmp_path)
+    trials = as_table(row for row, _ in study_trials(protocol, load_population(), 7))
+    note = protocol.note()
+    write_report(StudyData(trials, protocol.controllers, "guides", note, note, True), tmp_path)
     text = (tmp_path / "report.md").read_text()
     assert "the paper says" not in text and "Table I" not in text
     assert "| path error (mm) | three-brake | Soft guide - Free | " in text and "## Against no control" in text
     wanted = "mean_tip_force_N", "hodges_lehmann", "three-brake"
-    (found,) = [r for r in statistics(rows) if (r.measure, r.statistic, r.configuration) == wanted]
+    (found,) = [r for r in statistics(trials) if (r.measure, r.statistic, r.configuration) == wanted]
     (line,) = [one for one in text.splitlines() if one.startswith("| force over time (N) | three-brake | Soft")]
     assert f"{found.value:+.2f} ({found.low:+.2f} to {found.high:+.2f})" in line
     assert line.endswith(f"| {found.p_holm:.3f} |")

@@ -17,13 +17,13 @@ from recorded import NAMES, assert_holds, batch_ends, record, ticks
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
-from experiments.analysis.trials_table import write_table
 from experiments.recording import atomic_files
 from experiments.recording import writer as recording_writer
 from experiments.recording.atomic_files import TRIES, retry_while_locked
 from experiments.recording.reader import read_recording
 from experiments.recording.schema import same_content
 from experiments.recording.writer import RecordingWriter, convert_to_parquet
+from tests.support.rows import write_rows
 
 
 @pytest.fixture
@@ -404,7 +404,7 @@ def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_p
 
     monkeypatch.setattr(atomic_files.os, "replace", never)
     with pytest.raises(InputError, match=r"^.*trials\.csv: cannot be written \(another program has it open"):
-        write_table(tmp_path / "trials.csv", [], replacing=True)
+        write_rows(tmp_path / "trials.csv", [], replacing=True)
     assert len(tries) == TRIES == len(waits) + 1
     assert not list(tmp_path.iterdir())
 

@@ -10,13 +10,14 @@ from sessions import Killed, closed_session, crash_in_trial, files, new_session,
 
 from app.cli import main
 from core.files import InputError
-from experiments.analysis.trials_table import COUNTED, read_table
+from experiments.analysis.trials_table import COUNTED
 from experiments.protocol import protocol_from_json, protocol_to_json
 from experiments.session.files import cell, hold_lock
 from experiments.session.session import Session
 from experiments.session.verify import verify
 from experiments.study import study as studies
 from experiments.study.study import resume_study, run_study
+from tests.support.rows import read_rows
 
 
 def kill_in_run(monkeypatch, run: int) -> None:
@@ -68,7 +69,7 @@ def test_a_crashed_trial_is_kept_and_its_cell_is_run_again_under_the_next_free_n
     run_trials(session, 1)
     assert session.next_planned() == plan[3]  # then on in the order of the plan
     run_trials(session, 1)
-    assert [row.run for row in read_table(session.folder / "trials.csv")] == [1, 2, 3, 61, 4]
+    assert [row.run for row in read_rows(session.folder / "trials.csv")] == [1, 2, 3, 61, 4]
     session.close()
     assert verify(tmp_path)["faults"] == []
     second = Session.resume(tmp_path, "01", sync=False)
@@ -110,12 +111,12 @@ def test_a_session_that_was_hardly_created_is_created_anew(tmp_path, left, blind
 
 def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, tmp_path, capsys, request):
     before = files(interrupted)
-    rows_before = {name: read_table(interrupted / name) for name in before if name.endswith("ses-01/trials.csv")}
+    rows_before = {name: read_rows(interrupted / name) for name in before if name.endswith("ses-01/trials.csv")}
     asked = ["--seed", "5", "--operators", "3", "--low-gain", "500", "--rules", "settled"]  # what it was begun with
     assert main(["study", "--resume", "--out", str(interrupted), *asked, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["trials"], said["recovered"], said["low_gain_N_s_m"]) == (31, 1, 500.0)
-    rows = read_table(interrupted / "trials.csv")
+    rows = read_rows(interrupted / "trials.csv")
     for participant in ("01", "02", "03"):
         mine = [row for row in rows if row.participant == participant]
         stored = json.loads((interrupted / f"sub-{participant}" / "ses-01" / "session.json").read_text())
@@ -129,7 +130,7 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
         if name.endswith("journal.jsonl"):
             assert after[name].startswith(content)
         elif name.endswith("ses-01/trials.csv"):  # it gains rows, and columns that only these fill
-            assert read_table(interrupted / name)[: len(rows_before[name])] == rows_before[name]
+            assert read_rows(interrupted / name)[: len(rows_before[name])] == rows_before[name]
         elif name.endswith("journal.end"):  # it goes further
             assert json.loads(after[name])["lines"] >= json.loads(content)["lines"]
         elif name.endswith(".arrows"):
@@ -141,7 +142,7 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, t
 
     whole = tmp_path / "uninterrupted"
     run_study(whole, 3, high(), PEOPLE)
-    theirs = [row for row in read_table(whole / "trials.csv")]
+    theirs = [row for row in read_rows(whole / "trials.csv")]
     assert [r for r in rows if r.participant == "03"] == [r for r in theirs if r.participant == "03"]
     assert [r for r in rows if r.participant == "01"][:3] == theirs[:3]  # before the crash
 

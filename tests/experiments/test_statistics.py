@@ -41,7 +41,7 @@ from experiments.analysis.statistics import (
     signed_rank_p,
     statistics,
 )
-from experiments.analysis.trials_table import TrialRow
+from experiments.analysis.trials_table import TrialRow, as_table
 from experiments.recording.reader import read_recording
 from tests.support.rows import with_measures
 
@@ -183,13 +183,13 @@ def test_a_participant_counts_once_however_many_trials_they_made():
     wanted = dict(
         test="mean", measure="path_error_m", configuration=rows[0].configuration, first=f"{rows[0].controller}"
     )
-    before, after = (only(statistics(r), **wanted) for r in (rows, rows + extra))
+    before, after = (only(statistics(as_table(r)), **wanted) for r in (rows, rows + extra))
     assert (after.people, after.value) == (6, pytest.approx(before.value))
 
 
 @pytest.mark.parametrize("people", [1, 3, 5, 6])
 def test_below_six_people_there_is_no_p_and_no_interval(people, tmp_path):
-    results = statistics(study(people, error=lambda row: 1e-3 * row.controller * (1 + 0.01 * row.run)))
+    results = statistics(as_table(study(people, error=lambda row: 1e-3 * row.controller * (1 + 0.01 * row.run))))
     claims = [r for r in results if (r.p, r.p_holm, r.low, r.high) != (None,) * 4]
     assert bool(claims) == (people >= 6) and len(results) > 50
 
@@ -202,7 +202,7 @@ def test_a_trend_over_trials_is_found_whatever_differs_between_controllers_and_d
         task = 1.0 * row.controller * (2.0 if row.configuration == "four-brake" else 1.0)
         return task + percent / 1000.0 * row.run * 4.5
 
-    found = only(statistics(study(people=6, error=error)), test="trend", measure="path_error_m")
+    found = only(statistics(as_table(study(people=6, error=error))), test="trend", measure="path_error_m")
     mean = np.mean([error(row) for row in study(people=1)])
     assert found.value == pytest.approx(4.5 * percent / mean, abs=1e-9)
     assert found.low <= found.value <= found.high
@@ -215,7 +215,7 @@ def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_differ
     def duration(row):
         return float((2.0 if row.controller == 5 else 1.0) / speeds[97 * row.run + int(row.participant)])
 
-    results = statistics(study(6, lambda row: 5e-3 - 1e-3 * np.log2(row.value("duration_s")), duration))
+    results = statistics(as_table(study(6, lambda row: 5e-3 - 1e-3 * np.log2(row.value("duration_s")), duration)))
     slope = only(results, statistic="m_per_doubling")
     assert slope.value == pytest.approx(1e-3) and slope.low == pytest.approx(1e-3) and slope.high == pytest.approx(1e-3)
     assert only(results, statistic="correlation").value == pytest.approx(1.0)
@@ -231,29 +231,31 @@ def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_differ
 def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_nothing_at_all():
     rows = study(people=5)
     late = [with_measures(replace(r, status="timeout"), duration_s=30.0) if r.run == 7 else r for r in rows]
-    whole = statistics(rows)
+    whole = statistics(as_table(rows))
     plain = [r for r in whole if r.test == "speed" and r.statistic != "mean_error"]
-    assert [r.value for r in statistics(late) if r.test == "speed" and r.statistic == "doublings_above_own_mean"] == [
-        pytest.approx(r.value) for r in plain if r.statistic == "doublings_above_own_mean"
-    ]
+    assert [
+        r.value for r in statistics(as_table(late)) if r.test == "speed" and r.statistic == "doublings_above_own_mean"
+    ] == [pytest.approx(r.value) for r in plain if r.statistic == "doublings_above_own_mean"]
     for status in ("aborted", "excluded", "timeout"):
         other = with_measures(replace(rows[0], status=status), path_error_m=9.0, duration_s=0.1)
         more = [replace(other, run=900 + i) for i in range(5)]
-        assert statistics(rows + more) == whole and (statistics(rows + more, timeouts=True) != whole) == (
-            status == "timeout"
-        )
+        trials = as_table(rows + more)
+        assert statistics(trials) == whole and (statistics(trials, timeouts=True) != whole) == (status == "timeout")
 
 
 def test_pooled_needs_both_devices_of_a_person():
     rows = study(people=5)
     some = [r for r in rows if not (r.participant == "03" and r.configuration == "four-brake")]
-    assert only(statistics(some), test="mean", measure="path_error_m", configuration=POOLED, first="2").people == 4
+    assert (
+        only(statistics(as_table(some)), test="mean", measure="path_error_m", configuration=POOLED, first="2").people
+        == 4
+    )
     one = [r for r in rows if r.configuration == "four-brake"]
-    assert {r.configuration for r in statistics(one)} == {"four-brake", "all"}
+    assert {r.configuration for r in statistics(as_table(one))} == {"four-brake", "all"}
 
 
 def test_every_pair_of_controllers_and_every_measure_is_there():
-    results = statistics(study())
+    results = statistics(as_table(study()))
     for device in (*DEVICES, POOLED):
         of_it = [
             r
@@ -279,7 +281,7 @@ def test_definitions_that_order_the_controllers_alike_agree_and_a_reversed_one_i
         )
         for r in study(people=3)
     ]
-    results = sensitivity(rows)
+    results = sensitivity(as_table(rows))
     by = {(r.measure, r.configuration): r for r in results}
     assert by["path_error_m", "four-brake"].first == "1 < 2 < 3 < 4 < 5"
     assert by["path_error_time_m", "four-brake"].value == pytest.approx(1.0)
@@ -320,7 +322,7 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     assert dft_sum(recording, Smoothness(window=without_ramp)) == amplitude_sum(
         weighted_amplitudes(without_ramp(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move]))
     )
-    results = sensitivity([trial, replace(trial, controller=2)], tmp_path)
+    results = sensitivity(as_table([trial, replace(trial, controller=2)]), tmp_path)
     assert {r.measure for r in results} >= set(SMOOTHNESS)
     assert all(r.people == 1 for r in results)
 
@@ -338,11 +340,11 @@ def test_a_hann_window_keeps_the_mean_square_of_a_steady_vibration_and_the_react
     assert ticks_moving(read_recording(path))[0] == 410
     trial = replace(study(people=1)[0], controller=1, recording=path.name)
     trial = with_measures(trial, duration_s=0.999, mean_tip_force_N=2.199)
-    found = {r.measure: r.value for r in sensitivity([trial], tmp_path) if r.test == "reaction"}
+    found = {r.measure: r.value for r in sensitivity(as_table([trial]), tmp_path) if r.test == "reaction"}
     assert found["mean_tip_force_N"] == pytest.approx(3.0 / 2.199) and found["duration_s"] == pytest.approx(
         0.589 / 0.999
     )
-    (said,) = [s for s in sentences(sensitivity([trial], tmp_path)) if "1 mm" in s]
+    (said,) = [s for s in sentences(sensitivity(as_table([trial]), tmp_path)) if "1 mm" in s]
     assert "41 % of the movement" in said and "force over time +36 %" in said
 
 
@@ -354,7 +356,9 @@ def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each
         for row in study(people=2)
     ]
     found = {
-        (r.configuration, r.measure, r.first, r.second): r.value for r in sensitivity(rows) if r.test == "roughness"
+        (r.configuration, r.measure, r.first, r.second): r.value
+        for r in sensitivity(as_table(rows))
+        if r.test == "roughness"
     }
     for device in {row.configuration for row in rows}:
         assert found[device, "acceleration_dft_sum", "4", "1"] == 4.0

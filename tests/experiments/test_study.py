@@ -18,7 +18,6 @@ from app.cli import main
 from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import DRAWN, METRICS
 from experiments.analysis.simulation_errors import error_sentence, error_table
-from experiments.analysis.trials_table import read_table
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.recording.reader import read_recording
 from experiments.session.files import read_stored
@@ -31,7 +30,7 @@ from experiments.trial.normals import Normals, normals
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import NOISE_DRAWS
-from tests.support.rows import with_measures
+from tests.support.rows import read_rows, with_measures
 
 ALSO_NAMED = [
     "t_s", "phase", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "tip_ax_m_s2", "tip_ay_m_s2", "hand_fx_N",
@@ -97,7 +96,7 @@ def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(stud
         for path, elsewhere in hidden.items():
             elsewhere.rename(path)
     assert json.loads(capsys.readouterr().out)["trials"] == 20
-    old, new = read_table(study / "trials.csv"), read_table(tmp_path / "out" / "trials.csv")
+    old, new = read_rows(study / "trials.csv"), read_rows(tmp_path / "out" / "trials.csv")
     for a, b in zip(old, new, strict=True):
         assert a.in_folder("x") != a and {**vars(a), "recording": ""} == {**vars(b), "recording": ""}
         assert (tmp_path / "out" / b.recording).resolve() == (study / a.recording).resolve()
@@ -154,7 +153,7 @@ def test_wrong_input_is_one_sentence_exit_2_and_nothing_written(tmp_path, capsys
 def test_the_table_is_the_one_of_operators_one_after_another_and_of_trials_without_recordings_bit_by_bit(tmp_path):
     protocol, population = short(paths=1, seed="7", rules='"literal"'), load_population("tremulous")
     assert run_study(tmp_path / "study", 3, protocol, population)["trials"] == 30
-    rows = read_table(tmp_path / "study" / "trials.csv")
+    rows = read_rows(tmp_path / "study" / "trials.csv")
     trials = [row for row, _ in study_trials(protocol, population, 3)]
     assert [row.participant for row in rows] == ["01"] * 10 + ["02"] * 10 + ["03"] * 10
     assert [dataclasses.replace(row, recording="") for row in rows] == trials
@@ -177,7 +176,7 @@ def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_la
         patch.setattr(studies.StudyRun, "run_ticks", run_ticks)
         run_study(tmp_path / "study", 3, short(paths=1, seed="6"), PEOPLE)
     summary = resume_study(tmp_path / "study", {})
-    done = [row for row in read_table(tmp_path / "study" / "trials.csv") if row.status == "done"]
+    done = [row for row in read_rows(tmp_path / "study" / "trials.csv") if row.status == "done"]
     assert len(done) == 30 and summary["recovered"] == 1 and verify(tmp_path / "study")["faults"] == []
 
 

@@ -19,13 +19,14 @@ from experiments.analysis.trials_table import (
     COLUMNS,
     TrialRow,
     append_row,
+    as_rows,
+    as_table,
     is_same_row,
     read_table,
     table_bytes,
     trial_flags,
-    write_table,
 )
-from tests.support.rows import with_measures
+from tests.support.rows import read_rows, with_measures, write_rows
 
 PROMISED = (
     "participant, run, block, configuration, controller, segment, repetition, status, path_error_m, "
@@ -43,15 +44,15 @@ FULL = with_measures(
 
 def test_columns_are_the_promised_ones_in_order():
     assert list(COLUMNS[: len(PROMISED)]) == PROMISED
-    assert table_bytes([]) == ",".join(PROMISED).encode() + b"\n"
+    assert table_bytes(as_table([])) == ",".join(PROMISED).encode() + b"\n"
 
 
 def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measured(tmp_path):
     row = with_measures(ROW, path_error_m=1 / 3, duration_s=2.0)
     line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,"
-    assert table_bytes([row]).splitlines()[1] == line
-    write_table(tmp_path / "trials.csv", [row])
-    assert read_table(tmp_path / "trials.csv") == [row]
+    assert table_bytes(as_table([row])).splitlines()[1] == line
+    write_rows(tmp_path / "trials.csv", [row])
+    assert read_rows(tmp_path / "trials.csv") == [row]
 
 
 def test_a_later_measure_has_a_column_only_where_some_trial_has_it(tmp_path):
@@ -59,22 +60,22 @@ def test_a_later_measure_has_a_column_only_where_some_trial_has_it(tmp_path):
     assert later and COLUMNS[len(PROMISED) :] == (*later, "controller_name")
     for name in later:
         row = with_measures(ROW, **{name: 0.5})
-        assert table_bytes([ROW, row]).splitlines()[0].decode().split(",") == [*PROMISED, name]
-        write_table(tmp_path / f"{name}.csv", [ROW, row])
-        assert read_table(tmp_path / f"{name}.csv") == [ROW, row]
+        assert table_bytes(as_table([ROW, row])).splitlines()[0].decode().split(",") == [*PROMISED, name]
+        write_rows(tmp_path / f"{name}.csv", [ROW, row])
+        assert read_rows(tmp_path / f"{name}.csv") == [ROW, row]
         append_row(tmp_path / "grows.csv", ROW if name != later[-1] else row)
-    assert read_table(tmp_path / "grows.csv")[-1] == row
+    assert read_rows(tmp_path / "grows.csv")[-1] == row
 
 
 def test_a_row_grown_onto_a_table_without_names_leaves_a_whole_table_in_which_every_row_has_its_name(tmp_path):
     path, names = tmp_path / "trials.csv", {2: "SDOF", 3: 'guide, with "care"'}
-    write_table(path, [ROW, replace(ROW, controller=3), replace(ROW, controller="K2")])
+    write_rows(path, [ROW, replace(ROW, controller=3), replace(ROW, controller="K2")])
     early = path.read_bytes()
     assert early.splitlines()[0].decode().split(",") == PROMISED  # as a version before wrote it
-    assert [row.controller_name for row in read_table(path)] == [None, None, None]
+    assert [row.controller_name for row in read_rows(path)] == [None, None, None]
     known = append_row(path, replace(ROW, controller_name="SDOF"), early, names=names)
     known = append_row(path, replace(ROW, controller=3, controller_name="guide"), known, names=names)
-    assert [row.controller_name for row in read_table(path)] == ["SDOF", 'guide, with "care"', "K2", "SDOF", "guide"]
+    assert [row.controller_name for row in read_rows(path)] == ["SDOF", 'guide, with "care"', "K2", "SDOF", "guide"]
     with path.open(newline="") as lines:
         assert {len(line) for line in csv.reader(lines)} == {len(PROMISED) + 1}
     assert path.read_bytes() == known == table_bytes(read_table(path))
@@ -93,56 +94,68 @@ def test_every_double_comes_back_and_the_same_rows_give_the_same_bytes(values):
     row = with_measures(ROW, **dict(zip(MEASURES, values, strict=True)))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trials.csv"
-        path.write_bytes(table_bytes([row, ROW]))
-        back = read_table(path)
-        assert back == [row, ROW] and table_bytes(back) == path.read_bytes()
+        path.write_bytes(table_bytes(as_table([row, ROW])))
+        back = read_rows(path)
+        assert back == [row, ROW] and table_bytes(as_table(back)) == path.read_bytes()
 
 
 def test_rows_appended_one_by_one_give_the_table_written_at_once(tmp_path):
     for row in (FULL, ROW, FULL):
         append_row(tmp_path / "a.csv", row)
-    write_table(tmp_path / "b.csv", [FULL, ROW, FULL])
+    write_rows(tmp_path / "b.csv", [FULL, ROW, FULL])
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     known = b""
     for row in (ROW, FULL, ROW):  # the second has columns that the first lacks
         known = append_row(tmp_path / "c.csv", row, known)
         assert (tmp_path / "c.csv").read_bytes() == known
-    assert read_table(tmp_path / "c.csv") == [ROW, FULL, ROW] and known == table_bytes([ROW, FULL, ROW])
+    assert read_rows(tmp_path / "c.csv") == [ROW, FULL, ROW] and known == table_bytes(as_table([ROW, FULL, ROW]))
     (tmp_path / "c.csv").unlink()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]  # nothing left beside them
 
 
 def test_an_existing_table_is_replaced_only_when_asked_and_a_recording_is_seen_from_where_it_stands(tmp_path):
     path = tmp_path / "trials.csv"
-    write_table(path, [FULL])
+    write_rows(path, [FULL])
     with pytest.raises(InputError, match="exists already"):
-        write_table(path, [ROW])
-    assert read_table(path) == [FULL]
-    write_table(path, [ROW], replacing=True)
-    assert read_table(path) == [ROW]
+        write_rows(path, [ROW])
+    assert read_rows(path) == [FULL]
+    write_rows(path, [ROW], replacing=True)
+    assert read_rows(path) == [ROW]
     with pytest.raises(InputError, match="cannot be written"):
-        write_table(tmp_path / "no folder" / "trials.csv", [ROW])
+        write_rows(tmp_path / "no folder" / "trials.csv", [ROW])
     assert ROW.in_folder("sub-01/ses-01").recording == "sub-01/ses-01/trials/run-007.parquet"
     assert TrialRow("01", 1, 1, "x", 1, 1, 1, "aborted").in_folder("sub-01").recording == ""
 
 
 def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_are_read_with_empty_cells(tmp_path):
     path = tmp_path / "trials.csv"
-    lines = table_bytes([FULL]).decode().splitlines()
+    lines = table_bytes(as_table([FULL])).decode().splitlines()
     path.write_text(f"{lines[0]},energy\n{lines[1]},0.5\n")
-    assert read_table(path) == [with_measures(FULL, energy=0.5)], "a number is a measure of a file of one's own"
+    assert read_rows(path) == [with_measures(FULL, energy=0.5)], "a number is a measure of a file of one's own"
     append_row(path, ROW)
-    assert read_table(path) == [with_measures(FULL, energy=0.5), ROW]
+    assert read_rows(path) == [with_measures(FULL, energy=0.5), ROW]
     path.write_text(f"{lines[0]},remark\n{lines[1]},well\n")
-    assert read_table(path) == [FULL]
+    assert read_rows(path) == [FULL]
     with pytest.raises(InputError, match="would lose"):
         append_row(path, ROW)
     before = PROMISED.index("energy_residual_J")
     path.write_text(
-        "".join(",".join(line.split(",")[:before]) + "\n" for line in table_bytes([FULL]).decode().splitlines())
+        "".join(
+            ",".join(line.split(",")[:before]) + "\n" for line in table_bytes(as_table([FULL])).decode().splitlines()
+        )
     )
     later = dict.fromkeys(COLUMNS[before:])
-    assert read_table(path) == [replace(with_measures(FULL, **later), controller_name=None)]
+    assert read_rows(path) == [replace(with_measures(FULL, **later), controller_name=None)]
+
+
+def test_a_table_has_every_column_with_its_type_and_a_participant_is_text(tmp_path):
+    write_rows(tmp_path / "trials.csv", [ROW, replace(FULL, run=8, controller="K2")])
+    trials = read_table(tmp_path / "trials.csv")
+    assert list(trials) == list(COLUMNS) and list(trials["participant"]) == ["01", "01"]
+    assert list(trials["controller"]) == [2, "K2"] and list(trials["run"]) == [7, 8]
+    assert list(trials["path_error_m"].isna()) == [True, False] and trials["sparc"].dtype == float
+    assert as_rows(trials) == read_rows(tmp_path / "trials.csv")
+    assert table_bytes(trials[trials["run"] == 7]) == table_bytes(as_table([ROW]))
 
 
 @pytest.mark.parametrize(
@@ -150,16 +163,18 @@ def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_ar
     [
         (lambda text: text.replace("participant", "person"), "first line"),
         (lambda text: "", "first line"),
-        (lambda text: text.replace(",7,", ",seven,"), "run"),
+        (lambda text: text.replace(",7,", ",seven,"), "trials.csv: line 2: run = 'seven' is not a number"),
+        (lambda text: text.replace(",7,", ",,"), "trials.csv: line 2: run = '' is not a number"),
+        (lambda text: text.replace(",0.1,", ",nan,"), "trials.csv: line 2: path_error_time_m = 'nan' is not a number"),
         (lambda text: text.replace("done", "finished"), "status"),
         (lambda text: text + "01,8\n", "line 3"),
     ],
 )
 def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
     path = tmp_path / "trials.csv"
-    path.write_text(spoil(table_bytes([FULL]).decode()))
+    path.write_text(spoil(table_bytes(as_table([FULL])).decode()))
     with pytest.raises(InputError, match=word):
-        read_table(path)
+        read_rows(path)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +182,7 @@ def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
 )
 def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
     with pytest.raises(ValueError, match="sparc" if column == "measures" else column):
-        table_bytes([replace(FULL, **{column: value})])
+        table_bytes(as_table([replace(FULL, **{column: value})]))
 
 
 def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often() -> None:

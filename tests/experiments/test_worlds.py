@@ -15,6 +15,7 @@ from app.cli import main
 from core.files import InputError
 from experiments.analysis.findings import CANNOT_TELL, HOLDS, LEAST_FINISHED, STATEMENTS
 from experiments.analysis.metrics import JUDGED
+from experiments.analysis.trials_table import as_rows
 from experiments.protocol import load_protocol
 from experiments.session.files import write_pooled_table
 from experiments.study import jobs
@@ -90,7 +91,7 @@ def table(out: Path) -> list[str]:
 
 def is_row_of(line: dict[str, str], study: Path) -> None:
     """A study has the trials of a world's row, digit by digit."""
-    trials = write_pooled_table(study)
+    trials = as_rows(write_pooled_table(study))
     for metric in JUDGED:
         for device in ("three-brake", "four-brake"):
             for controller in range(1, 6):

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.analysis.trials_table import StudyData, TrialRow
+from experiments.analysis.trials_table import StudyData, TrialRow, as_table
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.trial.population import load_population
 
@@ -39,4 +39,4 @@ def short(blocks: int = 1, paths: int = 2, **values: str) -> Protocol:
 
 def study_data(rows: Sequence[TrialRow], note: str = "note", protocol: str = "paper") -> StudyData:
     """Trials of people by the paper's controllers, as figures and reports take them."""
-    return StudyData(rows, PAPER.controllers, protocol, note, note, simulated=False)
+    return StudyData(as_table(rows), PAPER.controllers, protocol, note, note, simulated=False)

@@ -2,7 +2,7 @@
 
 import pickle
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -50,7 +50,7 @@ from experiments.analysis.charts import (
 )
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.statistics import people_of
-from experiments.analysis.trials_table import STATUSES, TrialRow
+from experiments.analysis.trials_table import STATUSES, TrialRow, Trials, as_rows
 from experiments.export.results import Results, ResultsJob, conclude, read_results
 from experiments.plan import counted
 from experiments.recording.atomic_files import first_free, partial_name
@@ -203,14 +203,17 @@ class AnalysePage(Page):
             self._show_empty(f"{results}. Open another on Home, under Your data.")
             return
         self.results = results
-        rows = {who: [row for row in results.rows if row.participant == who] for who in people_of(results.rows)}
-        count = {who: len(finished_cells(theirs)[0]) for who, theirs in rows.items()}
+        rows = as_rows(results.trials)
+        count = {
+            who: len(finished_cells(row for row in rows if row.participant == who)[0])
+            for who in people_of(results.trials)
+        }
         planned = {who: results.planned.get(who, 0) for who in count}
         self.people.show_choices({
             who: f"P{who}" if n >= planned[who] else f"P{who} {n} of {planned[who]}" for who, n in count.items()
         })  # fmt: skip
         self.devices.show_choices({name: name for name in results.configurations})
-        recorded = {row.status for row in results.rows if row.recording}
+        recorded = {row.status for row in rows if row.recording}
         statuses = [status for status in STATUSES if status in recorded or status in SHOWN_FIRST]
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
@@ -219,23 +222,23 @@ class AnalysePage(Page):
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
         self.show_message(" ".join(results.problems), "caution")
         self._show()
-        now = next((row for row in results.rows if trial_of(row) == trial_of(self.chosen)), None)
+        now = next((row for row in rows if trial_of(row) == trial_of(self.chosen)), None)
         if self.chosen is not None and now is not None and now.status != self.chosen.status:
             self.open_trial(now)
 
     # what is shown
 
     @property
-    def rows(self) -> tuple[TrialRow, ...]:
-        """The trials that the filters let through."""
+    def trials(self) -> "Trials | None":
+        """The trials that the filters let through; None: nothing is read."""
         if self.results is None:
-            return ()
-        people, devices, statuses = self.people.chosen, self.devices.chosen, self.statuses.chosen
-        return tuple(
-            row
-            for row in self.results.rows
-            if row.participant in people and row.configuration in devices and row.status in statuses
-        )
+            return None
+        trials = self.results.trials
+        return trials[
+            trials["participant"].isin(self.people.chosen)
+            & trials["configuration"].isin(self.devices.chosen)
+            & trials["status"].isin(self.statuses.chosen)
+        ]
 
     def view(self, results: Results) -> View:
         """Devices and switches as the charts take them."""
@@ -252,28 +255,28 @@ class AnalysePage(Page):
 
     def _show(self) -> None:
         """What page, filters and switches say."""
-        results, rows = self.results, self.rows
-        if results is None:
+        results, trials = self.results, self.trials
+        if results is None or trials is None:
             return
-        if not results.rows:
+        if not len(results.trials):
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
-        elif not rows:
+        elif not len(trials):
             self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
         elif self.tabs.value() == FINDINGS:
             self.stack.setCurrentWidget(self.verdicts)
             self.verdicts.show_conclusions(None)
             simulated = (results.folder / STUDY).exists()
-            given = rows, results.controllers, self.timeouts.isChecked(), simulated, results.own
+            given = trials, results.controllers, self.timeouts.isChecked(), simulated, results.own
             self._concluding.ask(conclude, *given)
         else:
-            self._show_charts(results, rows)
+            self._show_charts(results, trials)
         self._offer()
         self._make_room()
 
-    def _show_charts(self, results: Results, rows: Sequence[TrialRow]) -> None:
+    def _show_charts(self, results: Results, trials: Trials) -> None:
         answers = [answer for answer in results.answers if answer.participant in self.people.chosen]
         view = self.view(results)
-        shown = charts(self.tabs.value(), rows, view, answers)
+        shown = charts(self.tabs.value(), trials, view, answers)
         if not shown:
             self._show_empty(NO_ANSWERS)
             return
@@ -282,7 +285,7 @@ class AnalysePage(Page):
             controller: escape(f" {name}").replace(" ", "\u00a0") for controller, name in coloured(shown, view).items()
         }
         lines = [" &nbsp; ".join(in_colour("●", colour_of(controller)) + name for controller, name in named.items())]
-        left = left_out(rows, *view.timeouts_on(shown[0])) if self.tabs.value() != QUESTIONS else ""
+        left = left_out(trials, *view.timeouts_on(shown[0])) if self.tabs.value() != QUESTIONS else ""
         for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
         self.legend.setText(f"<div style='line-height: 135%'>{'<br>'.join(filter(None, lines))}</div>")
@@ -298,17 +301,19 @@ class AnalysePage(Page):
 
     def _offer(self) -> None:
         """What can be done with what is shown, and nothing else."""
-        results, rows, page = self.results, self.rows, self.stack.currentWidget()
-        late, busy = sum(row.status == "timeout" for row in rows), self.export_task.busy
-        counts = [counted(len(people_of(rows)), "participant"), counted(len(rows), "trial")]
-        self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if rows else "")
-        self.tabs.setEnabled(results is not None and bool(results.rows))
+        results, trials, page = self.results, self.trials, self.stack.currentWidget()
+        shown = 0 if trials is None else len(trials)
+        late = 0 if trials is None else int((trials["status"] == "timeout").sum())
+        people, busy = 0 if trials is None else trials["participant"].nunique(), self.export_task.busy
+        counts = [counted(people, "participant"), counted(shown, "trial")]
+        self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if shown else "")
+        self.tabs.setEnabled(results is not None and len(results.trials) > 0)
         self.logarithmic.setVisible(page is self.charts)
         self.timeouts.setVisible(late > 0 and page is not self.empty and self.tabs.value() != QUESTIONS)
         for widget in (self.bar, self.cancel_button):
             widget.setVisible(busy)
         self.export_button.setEnabled(page is not self.empty and not busy)
-        self.report_button.setEnabled(bool(rows) and not busy and results is not None and bool(results.sessions))
+        self.report_button.setEnabled(shown > 0 and not busy and results is not None and bool(results.sessions))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._make_room()
@@ -353,7 +358,7 @@ class AnalysePage(Page):
 
     def step(self, by: int) -> None:
         """The next trial of those that are shown, or the one before."""
-        rows = sorted(self.rows, key=lambda row: (row.participant, row.run))
+        rows = [] if self.trials is None else as_rows(self.trials.sort_values(["participant", "run"], kind="stable"))
         at = next((i for i, row in enumerate(rows) if trial_of(row) == trial_of(self.chosen)), -1 if by > 0 else 0)
         if rows:
             self.open_trial(rows[(at + by) % len(rows)])
@@ -385,16 +390,16 @@ class AnalysePage(Page):
 
     def export(self, report: bool = False) -> None:
         """What is seen, or the reports of the sessions that are seen, into a new folder of the data folder."""
-        results, rows = self.results, self.rows
-        if results is None or not (self.report_button if report else self.export_button).isEnabled():
+        results, trials = self.results, self.trials
+        if results is None or trials is None or not (self.report_button if report else self.export_button).isEnabled():
             return
-        people = set(people_of(rows))
+        people = set(people_of(trials))
         sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
         page = POOLED if self.tabs.value() == FINDINGS else self.tabs.value()
         folder = first_free(data_folder_of(results.folder), "results")  # there when all of it has been written
         self._job = ResultsJob(
-            page, rows, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
+            page, trials, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
         )
         self.export_task.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
         self.bar.setValue(0)
