@@ -113,7 +113,7 @@ def lagged_yield(gain, torque_yield, elapsed, constant):
     """Yield torque (N m) `elapsed` seconds on, Eq. (1) with one time constant (s): y = K + (y_0 - K) exp(-t / a).
 
     Differs from the paper: the lag acts on the yield magnitude, not on the signed torque, which would drive with the
-    motion after each reversal. (With `Brakes.signed` the simulator does as the paper says: see `turn_torques`.)
+    motion after each reversal.
     """
     if elapsed <= 0.0:
         return torque_yield

@@ -143,7 +143,7 @@ def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Dev
     files = {joint: change(brake) for joint, brake in device.brake_files.items()}
     return replace(
         device,
-        brakes=build_brakes(files)._replace(ripple=device.brakes.ripple, signed=device.brakes.signed),
+        brakes=build_brakes(files),
         force_normalised_N=force_normalised(device.file, device.mechanism, files),
         assumed=True,
         brake_files=files,

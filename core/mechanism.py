@@ -83,8 +83,6 @@ class Brakes(NamedTuple):
     rise: np.ndarray  # (4, 7) s: a_avg, a_1 .. a_6 of Eq. (4), rising (rates in rpm inside the formula)
     fall: np.ndarray  # (4, 7) s: the same, falling
     play: np.ndarray  # (4,) rad, width of the backlash
-    ripple: float = 0.0  # N m, most by which the torque of a brake differs from its mean over a turn
-    signed: float = 0.0  # 1.0: the lag of Eq. (1) acts on the signed torque, as the paper has it
     curve: np.ndarray = NO_CURVE  # (4, PIECES, 4), of a torque table in place of Eq. (2); infinite: none
 
     def stronger(self, strength: float) -> "Brakes":
@@ -96,5 +94,5 @@ class Brakes(NamedTuple):
 def no_brakes() -> Brakes:
     """No joint carries a brake: all numbers zero."""
     wide = {"k": 5, "rise": 7, "fall": 7}
-    arrays = [np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields[:-3]]
-    return Brakes._make([*arrays, 0.0, 0.0, NO_CURVE.copy()])
+    arrays = [np.zeros((4, wide[name]) if name in wide else 4) for name in Brakes._fields[:-1]]
+    return Brakes._make([*arrays, NO_CURVE.copy()])

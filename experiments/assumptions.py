@@ -3,7 +3,6 @@
 The defaults are what this program assumes where a file has no such table.
 """
 
-from dataclasses import replace
 from typing import Annotated, Any
 
 import msgspec
@@ -26,11 +25,9 @@ class Assumptions(Table, frozen=True):
 
     # the brakes of the simulated device
     fidelity: Annotated[str, choice("ideal", "static", "mr")] = "mr"  # ideal: as asked, at once, no drag; static: K(I)
-    brake_model: Annotated[str, choice("yield", "signed")] = "yield"  # what the lag of Eq. (1) acts on
     lag_factor: Positive = 1.0  # of both time constants, Eq. (4)
     drag_factor: NotNegative = 1.0  # of the torque without current, k_2
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] | None = None  # of every brake; None: as in its file
-    torque_ripple_N_m: NotNegative = 0.0  # from the least to the most over a turn
     # what the controller sees of the simulated device
     sensing: Annotated[str, choice(*SENSINGS)] = IDEAL
     filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = VELOCITY_WINDOW  # of the velocity from encoders
@@ -54,12 +51,8 @@ class Assumptions(Table, frozen=True):
         """The device to simulate: with the brakes that are assumed, which its controllers know."""
         drag = 0.0 if self.fidelity == "ideal" else self.drag_factor
         if (self.lag_factor, drag, self.backlash_deg) != (1.0, 1.0, None):
-            device = with_brakes(device, lambda brake: brake.changed(self.lag_factor, drag, self.backlash_deg))
-        ripple = 0.5 * self.torque_ripple_N_m
-        signed = float(self.brake_model == "signed" and self.fidelity == "mr")  # without a lag they are one
-        if (ripple, signed) == (0.0, 0.0):
-            return device
-        return replace(device, brakes=device.brakes._replace(ripple=ripple, signed=signed))
+            return with_brakes(device, lambda brake: brake.changed(self.lag_factor, drag, self.backlash_deg))
+        return device
 
     def controller(self, preset: Preset) -> Preset:
         """A controller with its gap as it is read."""

@@ -48,10 +48,9 @@ STOPPING = np.dtype(
         ("levers", LEVERS),
         ("push", "f8"),  # N
         # constants of the brakes
-        ("full", "f8", (4,)),  # N m, yields at full current, less what a ripple takes
+        ("full", "f8", (4,)),  # N m, yields at full current
         ("drag", "f8", (4,)),  # N m, inside the play, and without current
         ("width", "f8", (4,)),  # rad, of the play
-        ("ripple", "f8", (4,)),  # N m
         ("per_rate", "f8", (4,)),  # s/rad: places in the table of lags
         ("angle", "f8", (4, RATES + 1)),  # rad: l at the highest rate, so far
         ("fast", "f8", (4,)),  # s, the lag from omega_0 on
@@ -89,8 +88,7 @@ def fill_brakes(stopping, brakes):
             continue
         most = brakes.current_max[i]
         full, drag = torque_gain(brakes, i, most), brakes.k[i, 1]
-        stopping.ripple[i] = min(brakes.ripple, full - drag)
-        stopping.full[i], stopping.drag[i] = full - stopping.ripple[i], drag
+        stopping.full[i], stopping.drag[i] = full, drag
         stopping.width[i] = brakes.play[i]
         stopping.fast[i] = max(brakes.rise[i, 0], 0.0)
         stopping.per_rate[i] = RATES / brakes.omega_0[i] if brakes.omega_0[i] > 0.0 else math.inf
@@ -130,7 +128,7 @@ def slope_and_work(stopping, i, theta):
         past = theta - free
         steep = (edge - drag) / (risen - free)
         return drag + steep * past, drag * theta + 0.5 * steep * past * past
-    lacks = full + stopping.ripple[i] - stopping.held[i]
+    lacks = full - stopping.held[i]
     at_risen = drag * risen + 0.5 * (edge - drag) * (risen - free)
     remaining = lacks * math.exp(-theta / lag)
     return full - remaining, at_risen + full * (theta - risen) - lag * (full - edge - remaining)
@@ -154,10 +152,10 @@ def set_lags(stopping, energy):
 def set_edge(stopping, i):
     """Set the angle through which only the drag of brake i is certain, and its yield soon after it."""
     drag, full, lag, free = stopping.drag[i], stopping.full[i], stopping.lag[i], stopping.play[i]
-    lacks, least = full + stopping.ripple[i] - stopping.held[i], full - drag
+    lacks, least = full - stopping.held[i], full - drag
     if least <= 0.0:
         free = math.inf
-    elif lacks > least:  # a ripple can take all that has risen
+    elif lacks > least:  # it holds less than its drag so far
         free = max(free, lag * math.log(lacks / least))
     stopping.free[i] = free
     stopping.edge[i] = max(full - lacks * math.exp(-free * (1.0 + RISE) / lag), drag)
@@ -264,7 +262,7 @@ def largest_loss(stopping):
     lost = 0.0
     for i in range(4):
         lost += (stopping.full[i] - stopping.drag[i]) * stopping.play[i]
-        lost += (stopping.full[i] + stopping.ripple[i] - stopping.held[i]) * stopping.lag[i]
+        lost += (stopping.full[i] - stopping.held[i]) * stopping.lag[i]
     return lost
 
 

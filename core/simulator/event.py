@@ -20,7 +20,6 @@ from core.simulator.stick_slip_mode import (
     finish,
     from_rest,
     hit_stop,
-    hold_all,
     joints_of,
     release,
     resolve,
@@ -94,7 +93,7 @@ def advance_event(model, data, currents, t, h):
             kind, step = locate(model, data, now, step, kind, guess)
         heat = scratch.heat
         gives_energy = min(min(heat[0], heat[1]), min(heat[2], heat[3])) < -limits.GIVEN  # a joint reversed unseen
-        if gives_energy and step > limits.FINEST and brakes.signed == 0.0:
+        if gives_energy and step > limits.FINEST:
             state.refined += 1
             longest = 0.5 * step
             continue
@@ -133,7 +132,6 @@ def stand_still(model, data, t, elapsed, h):
     if step < rest:
         state.events += 1
         set_costs(brakes, state)
-        hold_all(brakes, state)
         from_rest(mechanism, state, fx, fy, arm_mass)
         settle_edges(brakes, state)
         finish(mechanism, state, fx, fy, arm_mass)
@@ -188,7 +186,6 @@ def apply_event(model, data, kind, t):
     at_rest = tip[2] == 0.0 and tip[3] == 0.0
     if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(mechanism, state)):
         stop_moving(state)
-        hold_all(brakes, state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
         stick_or_slip(mechanism, state, kind - STOP, fx, fy, arm_mass)

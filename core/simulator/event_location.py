@@ -64,7 +64,7 @@ def held_limits(brakes, mechanism, state, at):
         against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
         if state.lagging != 0 and i < 4 and brakes.present[i] > 0.0:
             held = yields[i]
-            no_play = brakes.play[i] == 0.0 or brakes.signed != 0.0
+            no_play = brakes.play[i] == 0.0
             if state.contact[i] <= 0.0 and (no_play or state.edge[i] > 0.0):
                 against_plus = held
             if state.contact[i] >= 0.0 and (no_play or state.edge[i] < 0.0):

@@ -43,22 +43,13 @@ def begin_lags(brakes, state, currents, lagged):
         state.lack[i] = state.per_lag[i] = state.per_rate[i] = state.pace[i] = 0
         state.lag[0, i] = 1.0
         if brakes.present[i] > 0.0:
-            state.gain[i] = gain_of(brakes, state, i, currents[i])
+            state.gain[i] = torque_gain(brakes, i, currents[i])
             state.lack[i] = state.torque_yield[i] - state.gain[i]
             if abs(state.lack[i]) <= ARRIVED * state.gain[i]:
                 state.torque_yield[i], state.lack[i] = state.gain[i], 0.0
             else:
                 state.lagging = 1
                 begin_brake(brakes, state, i, currents[i])
-
-
-@inlined
-def gain_of(brakes, state, i, current):
-    """K of brake i as it is in this step (N m), Eq. (2), with its ripple."""
-    gain = torque_gain(brakes, i, current)
-    if brakes.signed != 0.0 and brakes.play[i] > 0.0 and state.edge[i] == 0.0:
-        gain = brakes.k[i, 1]  # inside the backlash; the torque follows with its lag
-    return gain + state.ripple[i]
 
 
 @inlined
@@ -138,7 +129,7 @@ def begin_stages(brakes, state, scratch, dt):
         sign = state.sign[i]
         steady = swing = 0.0
         if sign != 0.0 and state.active[i] != 0:
-            if brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0 or brakes.signed != 0.0:
+            if brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0:
                 steady, swing = -sign * state.gain[i], -sign * state.lack[i]
             else:
                 steady = -sign * (state.cost_plus[i] if sign > 0.0 else state.cost_minus[i])

@@ -12,8 +12,8 @@ from core.device import Device
 from core.kernels import kernel
 from core.mechanism import PLACES, STOP_E
 from core.simulator.hand import Hand
-from core.simulator.simulation import MR, Ledger, Simulation, advance, apply
-from core.simulator.state import CARRIED, STATE, Data, Model, pack_brakes
+from core.simulator.simulation import Ledger, Simulation, advance, apply
+from core.simulator.state import CARRIED, MR, STATE, Data, Model, pack_brakes
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import resolve, update_kinematics
 
@@ -44,8 +44,6 @@ class SimulatedDevice(Simulation):
         state["carry"][0] = 0.0
         state["held"][0] = STILL
         state["added_by_brakes"][0] = 0.0
-        state["torque_yield"][0] -= state["ripple"][0]
-        state["ripple"][0] = 0.0
         update_kinematics(self.mechanism[0], state[0])
         self._before = self.ledger()
 

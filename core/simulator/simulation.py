@@ -1,11 +1,10 @@
 """The simulated device: commands in, motion out. One step is a short list of stages.
 
-apply: the commands of this step become yield torques (fidelity: what of the brake model a scene needs), with their
-ripple; resolve: which brakes stick, which slip, and the torques that follow; advance: the integrator carries the state
-over the step.
+apply: the commands of this step become yield torques (fidelity: what of the brake model a scene needs);
+resolve: which brakes stick, which slip, and the torques that follow; advance: the integrator carries the state over the
+step.
 """
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +13,6 @@ import numpy as np
 from core.brake import torque_gain
 from core.device import Device
 from core.kernels import kernel
-from core.linkage import coupled_angle, joint_angles
 from core.mechanism import PLACES
 from core.records import new_record
 from core.simulator.event import advance_event
@@ -29,7 +27,7 @@ from core.simulator.solver_numbers import (
     UNEXPLAINED,
     UNEXPLAINED_J,
 )
-from core.simulator.state import FIDELITIES, IDEAL, MR, STATIC, Data, Model, new_state, pack_brakes, pack_mechanism
+from core.simulator.state import FIDELITIES, IDEAL, STATIC, Data, Model, new_state, pack_brakes, pack_mechanism
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
 from core.simulator.stick_slip_mode import hand_changed, resolve, update_kinematics
@@ -44,10 +42,6 @@ ROW_WIDTH = 20
 STUCK, HAND, COMMANDS, ENERGIES = 9, 10, 12, 16
 
 
-#: Torque ripple: periods a turn. Assumed; the paper gives its size alone.
-RIPPLE_PERIODS = 36
-
-
 @kernel
 def apply(model, state, commands):
     """Stage: yields from the commands (4,): yield torques (ideal), currents (static); mr has its lag."""
@@ -59,27 +53,6 @@ def apply(model, state, commands):
         for i in range(4):
             if brakes.present[i] > 0.0:
                 state.torque_yield[i] = torque_gain(brakes, i, commands[i])
-    if brakes.ripple > 0.0:
-        add_ripple(model, state)
-
-
-@kernel
-def add_ripple(model, state):
-    """Add the torque ripple: over a turn the torque of a brake swings about its mean, in the paper by about 1 N m.
-
-    Assumed: a sine of the joint's angle, held over the step, whose height is at most what the field adds to the torque
-    without current. So the yield stays positive, and at a constant current its mean is K.
-    """
-    mechanism, brakes = model.mechanism, model.brakes
-    joint_angles(mechanism, state.tip[0], state.tip[1], state.theta)
-    for i in range(4):
-        if mechanism.coupled >> i & 1 != 0:
-            state.theta[i] = coupled_angle(mechanism, i, state.tip[0], state.tip[1])
-        if brakes.present[i] > 0.0:
-            mean = state.torque_yield[i] - (state.ripple[i] if model.fidelity == MR else 0.0)
-            height = min(brakes.ripple, max(mean - brakes.k[i, 1], 0.0))
-            state.ripple[i] = height * math.sin(RIPPLE_PERIODS * state.theta[i])
-            state.torque_yield[i] = mean + state.ripple[i]
 
 
 @kernel
@@ -208,7 +181,6 @@ class Ledger:
     steps: int
     events: int
     fallbacks: int
-    signed: bool  # the lag acts on the signed torque, which is not passive
 
     def warnings(self) -> tuple[str, ...]:
         """Why the motion that the ledger belongs to may be wrong, a sentence each; none where it agrees."""
@@ -219,12 +191,7 @@ class Ledger:
                 f"the energy ledger leaves {self.residual:.2g} J of {changed_hands:.2g} J unexplained: "
                 "the motion may be wrong; choose a smaller step"
             )
-        if self.signed and added > ADDED_J:
-            found.append(
-                f"a brake added {added:.2g} J within a step: with the lag on the signed torque (brake model signed) "
-                "the device is not passive"
-            )
-        elif not added <= ADDED_J:
+        if not added <= ADDED_J:
             found.append(f"a brake added {added:.2g} J within a step, which no brake can; choose a smaller step")
         return tuple(found)
 
@@ -280,5 +247,5 @@ class Simulation:
         return Ledger(
             float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
             float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
-            int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]), bool(self.brakes["signed"][0]),
+            int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]),
         )  # fmt: skip

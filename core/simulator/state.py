@@ -38,8 +38,6 @@ STATE = np.dtype(
         ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
         ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
         ("play", "f8", (4,)),  # rad, position in the backlash
-        ("ripple", "f8", (4,)),  # N m, what the ripple adds to the yields of this step
-        ("sense", "f8", (4,)),  # lag on the signed torque: the sense of slip that positive yields oppose; 0 at rest
         # energy ledger, J
         ("work_hand", "f8"),
         ("heat", "f8", (4,)),  # dissipated in each brake
@@ -65,7 +63,6 @@ STATE = np.dtype(
         ("octaves", "f8", (4,)),  # omega_L at the start
         ("per_rate", "f8", (4,)),  # s/rad, 1 / rate at the start; 0: the constant does not change with it
         ("lag", "f8", (3, 4)),  # s, coefficients of a below omega_0
-        ("theta", "f8", (4,)),  # rad
         ("settled", "i8"),  # 1: pattern, acceleration and torques of a moving tip are those at the end of the last step
     ]
 )
@@ -73,8 +70,6 @@ STATE = np.dtype(
 #: Fields that are filled before they are read, in every step or after every rest. A device keeps the others between
 #: trials.
 _FILLED_FIRST = (
-    "ripple",
-    "sense",
     "cost_plus",
     "cost_minus",
     "active",
@@ -86,7 +81,6 @@ _FILLED_FIRST = (
     "octaves",
     "per_rate",
     "lag",
-    "theta",
 )
 CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
 

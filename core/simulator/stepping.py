@@ -109,8 +109,8 @@ def implicit_velocity(model, data, t, h):
     px = (mxx + cxx) * vx + (mxy + cxy) * vy + h * (fx - state.bias_force[0])
     py = (mxy + cxy) * vx + (myy + cyy) * vy + h * (fy - state.bias_force[1])
     for i in range(PLACES):
-        state.cost_plus[i] = h * max(state.cost_plus[i], 0.0)  # below zero only where the lag is on the signed torque
-        state.cost_minus[i] = h * max(state.cost_minus[i], 0.0)
+        state.cost_plus[i] *= h
+        state.cost_minus[i] *= h
     effective_mass = mxx + cxx, mxy + cxy, myy + cyy
     held, ux, uy = solve_at_rest(joints_of(model.mechanism, state), effective_mass, (px, py), scratch.sign)
     scratch.held = held

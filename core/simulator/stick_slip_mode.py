@@ -72,14 +72,11 @@ def set_costs(brakes, state):
 
     False where nothing has changed.
     """
-    changed, signed = False, brakes.signed != 0.0
+    changed = False
     for i in range(4):
         held = state.torque_yield[i]
         plus = minus = held
-        if signed:
-            if state.sign[i] == 0.0 or abs(state.rate[i]) <= RATE_ROUNDING:
-                plus = minus = abs(held)
-        elif brakes.play[i] > 0.0:
+        if brakes.play[i] > 0.0:
             off = min(brakes.k[i, 1], held)
             if state.edge[i] <= 0.0:
                 plus = off
@@ -138,7 +135,6 @@ def resolve(model, data, t):
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
     if tip[2] == 0.0 and tip[3] == 0.0:
-        hold_all(brakes, state)
         from_rest(mechanism, state, fx, fy, arm_mass)
     else:
         if state.held == STILL:
@@ -353,38 +349,6 @@ def settle_edges(brakes, state):
                 state.cost_plus[i] = off
             if not math.isinf(state.cost_minus[i]):
                 state.cost_minus[i] = off
-    if brakes.signed != 0.0:
-        turn_torques(brakes, state)
-
-
-@kernel
-def turn_torques(brakes, state):
-    """Lag on the signed torque: a joint that reverses keeps its torque, which drives it until the lag has turned it.
-
-    A brake that is held takes up torque either way, and goes on from what it held once it slips (our choice: Eq. (1)
-    has the torque of the last time step). Inside the backlash the torque falls with its lag, not at once.
-    """
-    for i in range(4):
-        sign = state.sign[i]
-        if sign == 0.0:
-            state.torque_yield[i] = abs(state.torque_yield[i])
-        elif state.sense[i] * sign < 0.0:
-            state.torque_yield[i] = -state.torque_yield[i]
-            state.ripple[i] = -state.ripple[i]
-        state.sense[i] = sign
-        if not math.isinf(state.cost_plus[i]):
-            state.cost_plus[i] = state.torque_yield[i]
-        if not math.isinf(state.cost_minus[i]):
-            state.cost_minus[i] = state.torque_yield[i]
-
-
-@kernel
-def hold_all(brakes, state):
-    """Lag on the signed torque: everything rests, and each brake holds either way."""
-    if brakes.signed != 0.0:
-        for i in range(4):
-            state.torque_yield[i] = abs(state.torque_yield[i])
-            state.sense[i] = 0.0
 
 
 @kernel

@@ -83,19 +83,14 @@ class SceneFile(Table, frozen=True):
     integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"
     initial_tip_velocity_m_s: tuple[Speed, Speed] = (0.0, 0.0)
     fidelity: Annotated[str, choice("ideal", "static", "mr")] = "ideal"
-    brake_model: Annotated[str, choice("yield", "signed")] = "yield"  # what the lag of Eq. (1) acts on
     brakes: BrakeTable = BrakeTable()
     force: ForceTable = ForceTable()
     obstacle: tuple[ObstacleFile, ...] = ()
     guard: Guard | None = None  # locks all brakes in front of obstacles, whatever the brake table says
 
     def __post_init__(self) -> None:
-        if self.brake_model == "signed" and (self.fidelity, self.integrator) != ("mr", "event"):
-            raise ValueError("brake_model 'signed' needs fidelity 'mr' and integrator 'event'")
         if self.guard is not None and self.fidelity == "ideal":
             raise ValueError("guard needs fidelity 'static' or 'mr': it locks the brakes by their currents")
-        if self.guard is not None and self.brake_model == "signed":
-            raise ValueError("guard does not go with brake_model 'signed', whose brakes add energy")
         right, wrong = "torque_N_m", "current_amperes"
         if self.fidelity != "ideal":
             right, wrong = wrong, right
@@ -172,8 +167,6 @@ def read_scene(path: str | Path, text: str | None = None) -> Scene:
         device = load_device(file.device, path.parent)
     except InputError as error:
         raise InputError(f"{path}: device: {error}") from None
-    if file.brake_model == "signed":
-        device = replace(device, brakes=device.brakes._replace(signed=1.0))
     interval = file.step_s if file.output_interval_s is None else file.output_interval_s
     parts = 1 if file.guard is None else _parts_of_step(file.step_s, path)
     output_every = parts * whole_number(interval, file.step_s, f"{path}: output_interval_s", "step_s")

@@ -21,8 +21,8 @@ from core.files import InputError
 from core.mechanism import JOINTS
 from core.path import Path as PathAhead
 from core.path import build_path
-from core.simulator.simulation import EVENT, MR
-from core.simulator.state import Model, new_state, pack_brakes, pack_mechanism
+from core.simulator.simulation import EVENT
+from core.simulator.state import MR, Model, new_state, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis import steering
 from experiments.analysis.metrics import METRICS, trial_metrics

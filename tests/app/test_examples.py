@@ -41,9 +41,7 @@ def rows_of(scene: str, folder: Path) -> dict[str, list[str]]:
 
 
 #: Tests below run the others.
-@pytest.mark.parametrize(
-    "scene", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {"locked-brake", "signed-lag", "guarded"})
-)
+@pytest.mark.parametrize("scene", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {"locked-brake", "guarded"}))
 def test_every_example_runs_to_its_end(scene, tmp_path):
     rows_of(scene, tmp_path)
 
@@ -58,12 +56,6 @@ def test_a_locked_brake_keeps_its_joint_angle_while_the_tip_moves(tmp_path):
     assert np.hypot(x[-1] - x[0], y[-1] - y[0]) > 0.05
     assert np.ptp(angles[:, 0]) < 1e-12 and np.ptp(angles[:, 1]) > 0.1
     assert all("A" in stuck for stuck in columns["stuck"])
-
-
-def test_the_lag_on_the_signed_torque_runs_and_warns_that_it_adds_energy(tmp_path, capsys):
-    rows_of("signed-lag", tmp_path)
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "(brake model signed) the device is not passive" in said
 
 
 def test_the_guard_keeps_the_tip_from_a_wall_that_it_is_through_without(tmp_path):

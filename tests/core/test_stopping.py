@@ -142,7 +142,7 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
 @pytest.mark.parametrize("name", NAMES)
 def test_the_work_of_a_brake_is_convex_and_its_slope_lies_between_drag_and_full_yield(name: str) -> None:
     device = load_device(name)
-    stopping = make_stopping(device.mechanism, device.brakes._replace(ripple=0.5), PUSHES_N[name])[0]
+    stopping = make_stopping(device.mechanism, device.brakes, PUSHES_N[name])[0]
     take_places(stopping.levers, 0.0, 0.4, 0.05)
     for held in (0.0, 0.6, 1.0):
         for turns in (0.0, 2.0):

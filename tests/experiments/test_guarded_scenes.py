@@ -50,9 +50,6 @@ BOXES = "".join(
 )
 BAD_SCENES = {
     "guard of ideal brakes": (WALL + GUARD, "guard needs fidelity 'static' or 'mr': it locks the brakes by their"),
-    "guard of brakes that drive": (
-        MR + 'brake_model = "signed"\n' + WALL + GUARD, "guard does not go with brake_model 'signed', whose brakes add"
-    ),
     "guard of nothing": (MR + GUARD, "guard: there is no obstacle to guard"),
     "push beyond a full lock": (
         MR + WALL + "[guard]\npush_N = 500.0\n",

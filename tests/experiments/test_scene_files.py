@@ -120,11 +120,6 @@ BAD_SCENES = {
     "unknown joint": ("[brakes]\ntorque_N_m = {D = 1}\n", {}, r"unknown key brakes\.torque_N_m\.D"),
     "unknown integrator": ('integrator = "euler"\n', {}, "integrator must be one of event, stepping, karnopp"),
     "unknown fidelity": ('fidelity = "real"\n', {}, "fidelity must be one of"),
-    "signed lag of ideal brakes": ('brake_model = "signed"\n', {}, "'signed' needs fidelity 'mr' and integrator"),
-    "signed lag in steps": (
-        'brake_model = "signed"\nfidelity = "mr"\nintegrator = "stepping"\n', {}, "'signed' needs fidelity 'mr'"
-    ),
-    "unknown brake model": ('brake_model = "best"\n', {}, "brake_model must be one of yield, signed, not 'best'"),
     "part of a step": ("output_interval_s = 1.5e-3\n", {}, r"interval_s \(0.0015 s\) is not a whole"),
     "interval of no step": ("output_interval_s = 1e-4\n", {}, "output_interval_s .* is not a whole"),
     "velocity of nan": ("initial_tip_velocity_m_s = [nan, 0]\n", {}, "must be finite"),

@@ -172,7 +172,7 @@ WRONG = {
         + "[assumptions]\n"
         + "".join(
             f"{key} = {[1.0 + 0.001 * n for n in range(1000)]}\n"
-            for key in ("lag_factor", "drag_factor", "torque_ripple_N_m", "backlash_deg")
+            for key in ("lag_factor", "drag_factor", "backlash_deg")
         ),
         "people in cells are more than the 1000000",
     ),
