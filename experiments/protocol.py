@@ -22,7 +22,7 @@ from core.control.guard import NOTHING, Around, locks_at_rest, why_no_guard
 from core.control.reflect import WALL_N_M
 from core.device import Device, build_device, inline_devices, load_device
 from core.drawn_path import read_path
-from core.files import InputError, from_plain, parse_toml, read_text, shipped_names, shipped_or_file
+from core.files import InputError, from_plain, is_assumed, parse_toml, read_text, shipped_names, shipped_or_file
 from core.obstacles import build_obstacles, nearest_obstacle
 from core.own_files import read_own_text
 from core.path import Path as PathAhead
@@ -89,8 +89,8 @@ class Protocol(Settings, frozen=True, kw_only=True):
 
     @property
     def paths_assumed(self) -> bool:
-        """Whether the paths are neither measured nor published."""
-        return self.provenance == "assumed"
+        """Whether the paths stand for others that are not known; without a word they are this experiment's own."""
+        return bool(self.provenance.strip()) and is_assumed(self.provenance)
 
     @property
     def assumed(self) -> bool:

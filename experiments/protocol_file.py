@@ -153,7 +153,7 @@ class Settings(Table, frozen=True, kw_only=True):
     blind: bool = False  # the experimenter sees codes in place of controllers
     show_linkage: bool = False  # to the participant, as far as it is in the picture of the paths
     feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # to the participant, after a trial
-    provenance: Annotated[str, choice("", "assumed")] = ""  # "assumed": paths neither measured nor published
+    provenance: str = ""  # of the paths, in words; "": what this experiment decides
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
     slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows

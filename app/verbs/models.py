@@ -141,6 +141,7 @@ def identify_verb(args: argparse.Namespace) -> None:
     lines += [
         f"omega_0     {found.omega_0_rpm:12.5g}{'':26}  rpm, {fit['omega_0_by']}",
         f"k_2 is the drag without current{with_zero(found)}",
+        found.transients.reach,
         f"residuals (rms): steady torque {fit['torque_residual_rms_N_m']:.3g} N m, "
         f"time constant {fit['time_constant_residual_rms_s'] * 1e3:.3g} ms",
         "assumed: " + "; ".join(f"{key} ({why})" for key, why in fit["assumed"].items()),

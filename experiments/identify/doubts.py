@@ -22,6 +22,7 @@ CHANCE = 1e-4  # of a false alarm. Our choice
 SMALLEST = 1e-3  # of a transient's height: our choice, less is of no consequence to a time constant
 #: Ends of stretches after the step, in time constants, over which residuals are averaged.
 STRETCHES = (0.0, 0.15, 0.4, 0.8, 1.5, 3.0)
+FEW = 2 * (len(STRETCHES) - 1)  # fewer steps do not show whether what is left after them has a shape
 LATEST = 3.0  # typical time constants: a longer dead time is not looked for
 WITH_SPEED = 0.7  # rank correlation from which a drift may be the speed's
 
@@ -94,7 +95,7 @@ def misfit(found: Sequence[Measured], dead_s: float) -> float:
             rows.append(height * np.bincount(stretch, rest, len(STRETCHES))[:-1] / counts)
             rows[-1] = np.append(rows[-1], height * height)
     n, p = len(rows), len(STRETCHES) - 1
-    if n < 2 * p:
+    if n < FEW:
         return 1.0
     means, squares = np.array(rows)[:, :p], np.array(rows)[:, p]
     mean = means.mean(axis=0)
@@ -123,12 +124,46 @@ def dead_time(found: Sequence[Measured]) -> float:
     return float(minimize_scalar(unexplained, bounds=(0.0, most), method="bounded", options={"xatol": 1e-3 * most}).x)
 
 
+def chance_of_dead_time(found: Sequence[Measured], dead_s: float) -> float:
+    """The probability that so few steps look this late by chance, by Student's t.
+
+    What Eq. (3) leaves of each is compared with what it would leave of a transient of that height, `dead_s` late.
+    """
+    left, expected = [], []
+    for measured in found:
+        if math.isnan(measured.time_constant):
+            continue
+        window, log = window_of(measured.time_constant, measured.typical), math.log(measured.time_constant)
+        prompt, late = Transient(measured.step, window, 0.0), Transient(measured.step, window, dead_s)
+        bounds = log + np.array([-0.7, 0.7])
+        best = float(minimize_scalar(lambda at, of: -of.fitted(at)[1], args=(late,), bounds=bounds, method="bounded").x)
+        fitted = np.column_stack([prompt.decay(log), prompt.decay(log + 0.01) - prompt.decay(log - 0.01)])
+        both = np.column_stack([prompt.torque, late.decay(best)])
+        torque, shape = (both - fitted @ np.linalg.lstsq(fitted, both, rcond=None)[0]).T
+        size = float(np.linalg.norm(shape))
+        left.append(float(torque @ shape) / size)
+        expected.append(late.fitted(best)[0] * size)
+    if len(left) < 2:
+        return 1.0
+    u, v = np.array(left), np.array(expected)
+    share = float(u @ v / (v @ v))
+    error = math.sqrt(float(np.sum((u - share * v) ** 2)) / (len(u) - 1) / float(v @ v))
+    return float(2.0 * stats.t.sf(abs(share) / error, len(u) - 1))
+
+
 class Transients(NamedTuple):
     """The measured steps, and whether their transients follow Eq. (3)."""
 
     measured: list[Measured]
     dead_s: float  # dead time that was taken out of them
     exponential: bool  # whether they then follow Eq. (3)
+    few: bool = False  # too few steps to test it, but for a dead time
+
+    @property
+    def reach(self) -> str:
+        """Under which condition the intervals hold, as a sentence."""
+        test = ", which so few steps cannot show" if self.few else ""
+        return f"the intervals hold if the brake follows Eqs. (2) to (4){test}"
 
     @property
     def warnings(self) -> list[str]:
@@ -151,12 +186,15 @@ class Transients(NamedTuple):
 def measure_transients(steps: Sequence[Step], where: str) -> Transients:
     """Measure the steps; where the transients have a dead time, take it out."""
     measured = measure(steps, where)
-    if misfit(measured, 0.0) > CHANCE:
+    is_few = sum(not math.isnan(one.time_constant) for one in measured) < FEW
+    if not is_few and misfit(measured, 0.0) > CHANCE:
         return Transients(measured, 0.0, True)
     dead_s = dead_time(measured)
+    if is_few and chance_of_dead_time(measured, dead_s) > CHANCE:
+        return Transients(measured, 0.0, True, True)
     late = measure(steps, where, dead_s)
     if misfit(late, dead_s) > CHANCE:
-        return Transients(late, dead_s, True)
+        return Transients(late, dead_s, True, is_few)
     return Transients(measured, 0.0, False)
 
 

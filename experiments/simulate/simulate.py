@@ -37,6 +37,7 @@ from core.tick_log import STUCK_LETTERS
 from experiments.numbers import significant
 from experiments.progress import Progress, no_progress
 from experiments.recording.atomic_files import refuse_existing_files, refusing
+from experiments.simulate.leaving import Leaving, looks_per_row
 from experiments.simulate.scene import Scene
 
 #: Most output rows, and most steps, computed at a time: enough that a call costs nothing, few enough that progress
@@ -67,6 +68,7 @@ class SceneRun:
     def __init__(self, scene: Scene) -> None:
         """Compile, or load, every kernel that a step needs, so that no clock runs meanwhile."""
         self.scene, self.row = scene, 0
+        self.looks, self.leaving = looks_per_row(scene.output_every, scene.step_s), Leaving(scene.device.mechanism)
         self.simulation = new_simulation(scene)
         self.guarded = None if scene.around.guard is None else Guarded(self.simulation, scene.around)
         self.schedule = Schedule(scene.schedule_t, scene.schedule)
@@ -76,11 +78,13 @@ class SceneRun:
 
     def run_chunk(self, count: int) -> np.ndarray:
         """The next output rows (count, ROW_WIDTH, or one more with a guard); the first call begins at t = 0."""
-        scene = self.scene
-        grid = Grid(self.row, scene.rows - 1, scene.output_every, scene.step_s)
+        scene, looks = self.scene, self.looks
+        grid = Grid(self.row * looks, (scene.rows - 1) * looks, scene.output_every // looks, scene.step_s)
         self.row += count
         simulation = self.simulation if self.guarded is None else self.guarded
-        return simulation.rows(count, self.schedule, grid)
+        rows = simulation.rows(min(count * looks, grid.last_row + 1 - grid.first_row), self.schedule, grid)
+        self.leaving.look(rows[:, 0], rows[:, X], rows[:, X + 1])
+        return rows[::looks]
 
     def ledger(self) -> Ledger:
         """Energies and counts so far."""
@@ -147,6 +151,7 @@ def simulate(scene: Scene, out_path: str | Path, progress: Progress = no_progres
         "warnings": [
             *ledger.warnings(),
             *done.warnings,
+            *([run.leaving.warning] if run.leaving.warning else ()),
             *(run.other_decisions(half_step) if done.warnings and scene.around.guard else ()),
             *(pushed_beyond(scene, scene.around.guard.push_N) if scene.around.guard else ()),
         ],  # fmt: skip

@@ -50,6 +50,15 @@ def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
     assert protocol.trial == PAPER.trial and protocol.mouse == PAPER.mouse and protocol.participants == ()
 
 
+@pytest.mark.parametrize(
+    ("said", "assumed"),
+    [("", False), ("measured", False), ("measured on 3 May", False), ("assumed", True), ("one end assumed", True)],
+)
+def test_provenance_takes_words_by_the_rule_of_devices_and_may_be_missing(said, assumed):
+    protocol = protocol_of(changed(PAPER.text, provenance=f'"{said}"'))
+    assert protocol.paths_assumed == assumed and protocol.provenance == said
+
+
 def test_a_form_lists_what_each_participant_is_asked_for():
     asked = protocol_of(PAPER.text + '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n')
     assert asked.form == {"handedness": ("right", "left"), "age": "number"} and PAPER.form == {}

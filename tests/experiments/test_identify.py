@@ -286,6 +286,18 @@ def test_what_a_brake_does_not_do_is_named_and_the_intervals_still_hold(fault, s
     assert sum(inside) >= 17, inside
 
 
+@pytest.mark.parametrize("dead_s", [0.0, 0.005])
+def test_a_dead_time_is_found_in_six_steps_too_and_the_output_says_what_they_cannot_show(dead_s):
+    bench = BENCH._replace(dead_time_s=dead_s, duration_s=1.0)
+    changes = [(low, high) for current in (0.2, 0.4, 0.8) for low, high in ((0.0, current), (current, 0.0))]
+    found = identify_steps(synthetic_steps(BRAKE, 3, bench, (10.0,), tuple(changes), 1), "steps.csv")
+    late = [warning for warning in found.warnings if "ms after t_s = 0: a dead time" in warning]
+    assert bool(late) == bool(dead_s) and found.transients.dead_s == pytest.approx(dead_s, abs=4e-4)
+    assert found.transients.reach.endswith("which so few steps cannot show")
+    (rise,) = [row for row in found.parameters() if row.name == "rise.a_avg"]
+    assert rise.interval[0] <= BRAKE.rise.a_avg_s <= rise.interval[1]
+
+
 def test_transients_that_are_not_exponential_lose_their_intervals_in_table_json_and_file():
     """The current, and so the torque, follows with a lag of its own of 40 ms."""
     steps = []
