@@ -11,21 +11,19 @@ from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.event_location import LOOSE_MINUS, LOOSE_PLUS, NONE, PLAY, SPEED, STOP, first_event, locate
 from core.simulator.hand import hand_force
+from core.simulator.impact import hit_stop
 from core.simulator.lag import age_yields, begin_lags, pace_ends, yield_error
 from core.simulator.runge_kutta import rk4
 from core.simulator.state import MR
 from core.simulator.stepping import advance_stepping, stiffer_than
-from core.simulator.stick_slip import STILL, largest_excess, same_line
+from core.simulator.stick_slip import FREE, STILL, largest_excess, same_line
 from core.simulator.stick_slip_mode import (
+    decide,
     finish,
-    from_rest,
-    hit_stop,
     joints_of,
     release,
     resolve,
     set_costs,
-    settle_edges,
-    stick_or_slip,
 )
 
 
@@ -33,7 +31,7 @@ from core.simulator.stick_slip_mode import (
 def advance_event(model, data, currents, t, h):
     """Move the state from t to t + h (s). Expects the pattern resolved at t; leaves the quantities of t + h."""
     mechanism, brakes, hand, state, scratch = model.mechanism, model.brakes, data.hand, data.state, data.scratch
-    lagged = 1 if model.fidelity == MR else 0
+    lag, lagged = scratch.lag, 1 if model.fidelity == MR else 0
     state.steps += 1
     state.settled = 0
     elapsed = 0.0  # s into the step
@@ -61,7 +59,7 @@ def advance_event(model, data, currents, t, h):
         if elapsed - since > limits.FALLBACK_S:
             crowd, since = 0, elapsed
         now = t + elapsed
-        begin_lags(brakes, state, currents, lagged)
+        begin_lags(brakes, state, lag, currents, lagged)
         if state.held == STILL:
             before = state.events
             elapsed = stand_still(model, data, t, elapsed, h)
@@ -75,8 +73,8 @@ def advance_event(model, data, currents, t, h):
                 crowd = limits.MAX_EVENTS + 1
             continue
         error = scratch.error
-        if state.lagging != 0:
-            error = max(error, yield_error(brakes, state, scratch, step) * (limits.STEP_ERROR / limits.YIELD_ERROR))
+        if lag.lagging != 0:
+            error = max(error, yield_error(state, scratch, step) * (limits.STEP_ERROR / limits.YIELD_ERROR))
         if not error <= state.tolerance * limits.STEP_ERROR and step > limits.FINEST:
             state.refined += 1
             longest = step * max(0.2, 0.9 * (state.tolerance * limits.STEP_ERROR / error) ** (1.0 / 3.0))
@@ -84,7 +82,7 @@ def advance_event(model, data, currents, t, h):
         # Cut it at its first event; where a brake would give energy, try a shorter one.
         scratch.seen = 0
         kind, guess = first_event(mechanism, brakes, state, scratch, step)
-        if state.lagging != 0:
+        if lag.lagging != 0:
             ends = pace_ends(brakes, state, scratch, step)
             if ends < (guess if kind != NONE else step):
                 turn = ends
@@ -111,7 +109,7 @@ def advance_event(model, data, currents, t, h):
             fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], state.tip[2], state.tip[3])
             set_costs(brakes, state)
             finish(mechanism, state, fx, fy, arm_mass)
-    if state.lagging != 0 and hand.grips[0].spring == 0:  # with a spring the next step sets the costs itself
+    if lag.lagging != 0 and hand.grips[0].spring == 0:  # with a spring the next step sets the costs itself
         set_costs(brakes, state)
     state.settled = 0 if state.held == STILL else 1
 
@@ -122,19 +120,17 @@ def stand_still(model, data, t, elapsed, h):
 
     Returns the time into the step, h if it rests to the end.
     """
-    mechanism, brakes, hand, state = model.mechanism, model.brakes, data.hand, data.state
+    mechanism, brakes, hand, state, lag = model.mechanism, model.brakes, data.hand, data.state, data.scratch.lag
     rest, arm_mass = h - elapsed, hand.grips[0].mass
     step = still_until(model, data, t + elapsed, rest)
-    age_yields(state, step)
+    age_yields(state, lag, step)
     elapsed = h if step == rest else elapsed + step
     fx, fy = hand_force(hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
     state.hand_force[0], state.hand_force[1] = fx, fy
     if step < rest:
         state.events += 1
         set_costs(brakes, state)
-        from_rest(mechanism, state, fx, fy, arm_mass)
-        settle_edges(brakes, state)
-        finish(mechanism, state, fx, fy, arm_mass)
+        decide(mechanism, brakes, state, FREE, (fx, fy), arm_mass)
     return elapsed
 
 
@@ -162,7 +158,7 @@ def accept(mechanism, brakes, state, scratch, step):
         state.hand_force[i] = scratch.hand_force[i]
     state.carry[0] = state.carry[1] = 0.0
     state.line_torque = scratch.line_torque
-    if state.lagging != 0:
+    if scratch.lag.lagging != 0:
         for i in range(4):
             state.torque_yield[i] = scratch.torque_yield[i]
     state.work_hand += scratch.work
@@ -183,18 +179,16 @@ def apply_event(model, data, kind, t):
         state.edge[i] = state.sign[i]
         state.play[i] = brakes.play[i] if state.sign[i] > 0.0 else 0.0
         set_costs(brakes, state)
-    at_rest = tip[2] == 0.0 and tip[3] == 0.0
+    joint, at_rest = FREE, tip[2] == 0.0 and tip[3] == 0.0
     if kind == SPEED or at_rest or (kind < SPEED and comes_to_rest(mechanism, state)):
         stop_moving(state)
-        from_rest(mechanism, state, fx, fy, arm_mass)
     elif kind >= STOP:
-        stick_or_slip(mechanism, state, kind - STOP, fx, fy, arm_mass)
+        joint = kind - STOP
+    elif kind < SPEED:
+        joint = kind
     elif kind == LOOSE_PLUS or kind == LOOSE_MINUS:
         release(mechanism, state, state.held, 1.0 if kind == LOOSE_PLUS else -1.0)
-    elif kind < SPEED:
-        stick_or_slip(mechanism, state, kind, fx, fy, arm_mass)
-    settle_edges(brakes, state)
-    finish(mechanism, state, fx, fy, arm_mass)
+    decide(mechanism, brakes, state, joint, (fx, fy), arm_mass)
 
 
 @kernel
@@ -225,17 +219,17 @@ def stop_moving(state):
 def excess_at(model, data, t, elapsed):
     """Force (N) by which the hand exceeds what the brakes hold at a resting tip, `elapsed` seconds into the step."""
     state = data.state
-    age_yields(state, elapsed)
+    age_yields(state, data.scratch.lag, elapsed)
     set_costs(model.brakes, state)
     fx, fy = hand_force(data.hand, t + elapsed, state.tip[0], state.tip[1], 0.0, 0.0)
     return largest_excess(joints_of(model.mechanism, state), fx, fy)
 
 
 @kernel
-def none_falls(state):
+def none_falls(lag):
     """True where every lag brings its brake up, or leaves it as it is."""
     for i in range(4):
-        if state.lack[i] > 0.0:
+        if lag.lack[i] > 0.0:
             return False
     return True
 
@@ -247,9 +241,9 @@ def still_until(model, data, t, step):
     The excess is looked at in the middle and at the end of the step, then bisected to rounding. Under a steady hand the
     tip stays where no yield falls.
     """
-    hand, state = data.hand, data.state
+    hand, lag = data.hand, data.scratch.lag
     hand_changes = hand.times.shape[0] > 1 or hand.grips[0].waves == 1  # the target of a spring is held over a step
-    if not hand_changes and (state.lagging == 0 or none_falls(state)):
+    if not hand_changes and (lag.lagging == 0 or none_falls(lag)):
         return step
     low, high = 0.0, 0.5 * step
     if excess_at(model, data, t, high) <= limits.REST_ROUNDING:

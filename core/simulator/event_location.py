@@ -53,7 +53,7 @@ def path_sense(state):
 
 
 @kernel
-def held_limits(brakes, mechanism, state, at):
+def held_limits(brakes, mechanism, state, lag, at):
     """What the held joint's line can hold against + and - motion in the state or after the tried step, `at` (N m)."""
     j, yields = state.held, at.torque_yield
     plus, minus = 0.0, 0.0
@@ -62,7 +62,7 @@ def held_limits(brakes, mechanism, state, at):
         if state.active[i] == 0 or not same_line(i, j, mechanism.lines):
             continue
         against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
-        if state.lagging != 0 and i < 4 and brakes.present[i] > 0.0:
+        if lag.lagging != 0 and i < 4 and brakes.present[i] > 0.0:
             held = yields[i]
             no_play = brakes.play[i] == 0.0
             if state.contact[i] <= 0.0 and (no_play or state.edge[i] > 0.0):
@@ -95,7 +95,7 @@ def value_at(model, data, at, turned, kind):
     if kind == SPEED:
         return path_sense(state) * path_speed(state, at)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, at)
+        plus, minus = held_limits(brakes, mechanism, state, scratch.lag, at)
         return at.line_torque + plus if kind == LOOSE_PLUS else minus - at.line_torque
     if kind < STOP:
         i = kind - PLAY
@@ -154,8 +154,8 @@ def first_event(mechanism, brakes, state, scratch, step):
             s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
-        plus0, minus0 = held_limits(brakes, mechanism, state, state)
-        plus1, minus1 = held_limits(brakes, mechanism, state, scratch)
+        plus0, minus0 = held_limits(brakes, mechanism, state, scratch.lag, state)
+        plus1, minus1 = held_limits(brakes, mechanism, state, scratch.lag, scratch)
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
         torque0, torque1, middle = state.line_torque, scratch.line_torque, scratch.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
@@ -260,7 +260,7 @@ def locate_one(model, data, t, step, kind, guess):
         if slope == 0.0:
             slope = (value - at_last) / (s - last)
         ahead = s - value / slope
-        if state.lagging == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
+        if scratch.lag.lagging == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
             slide(model.mechanism, state, scratch, ahead - s)
             return ahead
         last, at_last = s, value

@@ -169,7 +169,7 @@ def advance_karnopp(model, data, currents, t, h):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
     mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
     tip, arm_mass = state.tip, data.hand.grips[0].mass
-    begin_lags(brakes, state, currents, 1 if model.fidelity == MR else 0)
+    begin_lags(brakes, state, scratch.lag, currents, 1 if model.fidelity == MR else 0)
     for i in range(4):
         scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
@@ -177,14 +177,14 @@ def advance_karnopp(model, data, currents, t, h):
     ax, ay = evaluate(model, data, t, (x, y), (vx, vy))
     add_stage_to_ledger(state, scratch, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
-    age_yields(state, half)
+    age_yields(state, scratch.lag, half)
     bx, by = evaluate(model, data, t + half, (x + half * vx, y + half * vy), (ux, uy))
     add_stage_to_ledger(state, scratch, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
     cx, cy = evaluate(model, data, t + half, (x + half * ux, y + half * uy), (wx, wy))
     add_stage_to_ledger(state, scratch, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
-    age_yields(state, h)
+    age_yields(state, scratch.lag, h)
     dx, dy = evaluate(model, data, t + h, (x + h * wx, y + h * wy), (zx, zy))
     add_stage_to_ledger(state, scratch, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)

@@ -1,77 +1,107 @@
-"""How the yields follow their lag within a step, Eq. (1) with the time constants of Eq. (4).
+"""How the yields follow their lag within a step: Eq. (1), with the time constants of Eq. (4).
 
-A yield is y = K + (y_0 - K) exp(-L), and L grows by dt / a(omega); the lack of a brake is y_0 - K. A step integrates L
-in the same stages as the motion, so a time constant may be short beside the step. Each joint's pace, the branch of
-Eq. (4) for its rate, stays the same within a step like the pattern of stick and slip: a step ends where a joint comes
-to another branch (`pace_ends`).
+    y = K + (y_0 - K) exp(-L)               Eq. (1), `lagged`
+    L grows by dt / a
+    a = b_0 + b_1 w + b_2 w^2               Eq. (4), `constant`; w is omega_L, the octaves of the joint's speed
 
-All four brakes are computed side by side, also those without a lack: so the processor does them at once.
+K is the gain of a brake, y_0 - K its lack. A step integrates L in the same stages as the motion, so a time constant may
+be short beside the step. Each joint's pace, the branch of Eq. (4) for its rate, stays the same within a step like the
+pattern of stick and slip: a step ends where a joint comes to another branch (`pace_ends`).
+
+For speed: exponentials and octaves come from `series`; all four brakes are computed side by side, also those without a
+lack; and a scene without lag fills nothing but `lagging`.
 """
 
 import math
 
+import numpy as np
+
 from core.brake import below_omega_0, inverse, octaves, torque_gain
 from core.kernels import inlined, kernel
 from core.simulator.hermite import hermite_zero
+from core.simulator.series import exponentials, octaves_grown
 from core.simulator.solver_numbers import ARRIVED, EDGE_S, PACE_ROUNDING
 
 #: Paces: below the floor of Eq. (4), from there to omega_0, beyond it. Only a slow joint's time constant changes.
 CREEPING, SLOW, FAST = 0, 1, 2
-OCTAVES = 1.0 / math.log(2.0)
-#: Below it `decayed` sums a series. Larger: its error; smaller: a call for every exponential.
-SMALL = 0.06
 #: Bounds on the share by which a rate grows in a stage, and on a time constant (s), for steps that are tried too long.
 LEAST_GROWTH, MOST_GROWTH, LEAST_LAG_S = -0.9, 10.0, 1e-9
 
+#: The lag of the four brakes over one step: `begin_lags` fills it anew in each.
+LAG = np.dtype(
+    [
+        ("lagging", "i8"),  # 1: some yield is on its way; else nothing else here is filled
+        ("gain", "f8", (4,)),  # N m, K: what the yield goes to
+        ("lack", "f8", (4,)),  # N m, y_0 - K
+        ("pace", "i8", (4,)),  # the branch of Eq. (4) for the joint's rate
+        ("constants", "f8", (3, 4)),  # s, b_0, b_1, b_2 of that branch
+        ("octaves", "f8", (4,)),  # w at the start
+        ("per_lag", "f8", (4,)),  # 1/s, 1/a at the start
+        ("per_rate", "f8", (4,)),  # s/rad, 1 / rate at the start; 0: the constant does not change with it
+    ]
+)
+
 
 @inlined
-def joint_acceleration(at, i):
-    """Angular acceleration of joint i (rad/s2) in a state or a tried step: g . a + gdot . v."""
-    return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]
+def lagged(gain, lack, exponential):
+    """Eq. (1): the yield (N m) of a brake, from exp(-L)."""
+    return gain + lack * exponential
+
+
+@inlined
+def constant(lag, i, w):
+    """Eq. (4): the time constant a (s) of brake i at w octaves."""
+    return lag.constants[0, i] + (lag.constants[1, i] + lag.constants[2, i] * w) * w
+
+
+@inlined
+def per_lag_at(state, lag, i, rate):
+    """1/a of brake i (1/s) at a stage's rate (rad/s). A step over which a rate changes much is cut (`yield_error`)."""
+    growth = min(max((rate - state.rate[i]) * lag.per_rate[i], LEAST_GROWTH), MOST_GROWTH)
+    return 1.0 / max(constant(lag, i, lag.octaves[i] + octaves_grown(growth)), LEAST_LAG_S)
 
 
 @kernel
-def begin_lags(brakes, state, currents, lagged):
+def begin_lags(brakes, state, lag, currents, lagged):
     """Stage: the gain K that each yield goes to in the coming step under the currents (4,), A, and its time constant.
 
-    `state.lagging`: whether any yield is still on its way; never in a scene without lag.
+    `lag.lagging`: whether any yield is still on its way; never in a scene without lag.
     """
-    state.lagging = 0
+    lag.lagging = 0
     if lagged == 0:
         return
     for i in range(4):
-        state.lack[i] = state.per_lag[i] = state.per_rate[i] = state.pace[i] = 0
-        state.lag[0, i] = 1.0
+        lag.lack[i] = lag.per_lag[i] = lag.per_rate[i] = lag.pace[i] = 0
+        lag.constants[0, i] = 1.0
         if brakes.present[i] > 0.0:
-            state.gain[i] = torque_gain(brakes, i, currents[i])
-            state.lack[i] = state.torque_yield[i] - state.gain[i]
-            if abs(state.lack[i]) <= ARRIVED * state.gain[i]:
-                state.torque_yield[i], state.lack[i] = state.gain[i], 0.0
+            lag.gain[i] = torque_gain(brakes, i, currents[i])
+            lag.lack[i] = state.torque_yield[i] - lag.gain[i]
+            if abs(lag.lack[i]) <= ARRIVED * lag.gain[i]:
+                state.torque_yield[i], lag.lack[i] = lag.gain[i], 0.0
             else:
-                state.lagging = 1
-                begin_brake(brakes, state, i, currents[i])
+                lag.lagging = 1
+                begin_brake(brakes, state, lag, i, currents[i])
 
 
 @inlined
-def begin_brake(brakes, state, i, current):
+def begin_brake(brakes, state, lag, i, current):
     """Pace and time constant of brake i at the start of a step."""
-    rising, rate, growth = state.lack[i] < 0.0, 0.0, 0.0
+    rising, rate, growth = lag.lack[i] < 0.0, 0.0, 0.0
     if state.sign[i] != 0.0:
         rate = state.rate[i]
         growth = math.copysign(1.0, rate) * joint_acceleration(state, i)
     speed = abs(rate)
     pace = pace_of(brakes, i, speed, growth)
-    state.pace[i] = pace
+    lag.pace[i] = pace
     if pace == FAST:
-        state.lag[0, i] = brakes.rise[i, 0] if rising else brakes.fall[i, 0]
-        state.lag[1, i] = state.lag[2, i] = state.octaves[i] = 0.0
+        lag.constants[0, i] = brakes.rise[i, 0] if rising else brakes.fall[i, 0]
+        lag.constants[1, i] = lag.constants[2, i] = lag.octaves[i] = 0.0
     else:
-        state.lag[0, i], state.lag[1, i], state.lag[2, i] = below_omega_0(brakes, i, current, rising)
-        state.octaves[i] = octaves(min(max(speed, brakes.floor[i]), brakes.omega_0[i]))
+        lag.constants[0, i], lag.constants[1, i], lag.constants[2, i] = below_omega_0(brakes, i, current, rising)
+        lag.octaves[i] = octaves(min(max(speed, brakes.floor[i]), brakes.omega_0[i]))
         if pace == SLOW:
-            state.per_rate[i] = 1.0 / rate
-    w = state.octaves[i]
-    state.per_lag[i] = inverse(state.lag[0, i] + (state.lag[1, i] + state.lag[2, i] * w) * w)
+            lag.per_rate[i] = 1.0 / rate
+    lag.per_lag[i] = inverse(constant(lag, i, lag.octaves[i]))
 
 
 @inlined
@@ -86,56 +116,29 @@ def pace_of(brakes, i, speed, growth):
 
 
 @kernel
-def age_yields(state, elapsed):
+def age_yields(state, lag, elapsed):
     """The yields `elapsed` seconds into the step by the time constants of its start: exact while the joints rest."""
-    if state.lagging != 0 and elapsed > 0.0:
+    if lag.lagging != 0 and elapsed > 0.0:
         for i in range(4):
-            if state.lack[i] != 0.0:
-                state.torque_yield[i] = state.gain[i] + state.lack[i] * math.exp(-elapsed * state.per_lag[i])
-
-
-@inlined
-def per_lag_at(state, i, rate):
-    """1/a of brake i (1/s), Eq. (4), at a stage's rate (rad/s); its omega_L by the series of the logarithm.
-
-    The series is good to rounding for a rate within a fifth of that at the start, to 1e-6 within a half; a step over
-    which a rate changes more is cut (`yield_error`).
-    """
-    growth = min(max((rate - state.rate[i]) * state.per_rate[i], LEAST_GROWTH), MOST_GROWTH)
-    z = growth / (2.0 + growth)
-    zz = z * z
-    w = state.octaves[i] + 2.0 * OCTAVES * z * (1.0 + zz * (1 / 3 + zz * (1 / 5 + zz * (1 / 7 + zz * (1 / 9)))))
-    return 1.0 / max(state.lag[0, i] + (state.lag[1, i] + state.lag[2, i] * w) * w, LEAST_LAG_S)
-
-
-@inlined
-def decayed(a, e, b, c):
-    """exp(-a) .. exp(-c), all >= 0; small ones by their series, to 1e-12."""
-    if max(max(a, e), max(b, c)) < SMALL:
-        return series(a), series(e), series(b), series(c)
-    return math.exp(-a), math.exp(-e), math.exp(-b), math.exp(-c)
-
-
-@inlined
-def series(e):
-    """exp(-e) of a small e."""
-    return 1.0 - e * (1.0 - e * (1 / 2 - e * (1 / 6 - e * (1 / 24 - e * (1 / 120 - e * (1 / 720))))))
+            if lag.lack[i] != 0.0:
+                state.torque_yield[i] = lagged(lag.gain[i], lag.lack[i], math.exp(-elapsed * lag.per_lag[i]))
 
 
 @kernel
 def begin_stages(brakes, state, scratch, dt):
     """Begin a step of dt seconds: the parts of the torques, and what is left of each lack in the second stage."""
+    lag = scratch.lag
     for i in range(4):
         sign = state.sign[i]
         steady = swing = 0.0
         if sign != 0.0 and state.active[i] != 0:
             if brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0:
-                steady, swing = -sign * state.gain[i], -sign * state.lack[i]
+                steady, swing = -sign * lag.gain[i], -sign * lag.lack[i]
             else:
                 steady = -sign * (state.cost_plus[i] if sign > 0.0 else state.cost_minus[i])
         scratch.steady[i], scratch.swing[i] = steady, swing
-    half, per_lag, left = 0.5 * dt, state.per_lag, scratch.left[0]
-    left[0], left[1], left[2], left[3] = decayed(
+    half, per_lag, left = 0.5 * dt, lag.per_lag, scratch.left[0]
+    left[0], left[1], left[2], left[3] = exponentials(
         half * per_lag[0], half * per_lag[1], half * per_lag[2], half * per_lag[3]
     )
 
@@ -143,30 +146,32 @@ def begin_stages(brakes, state, scratch, dt):
 @kernel
 def next_stage(state, scratch, rates, dt, stage):
     """What is left of each lack dt seconds on, at the rates (A, E, B, C; rad/s) of stage 2 (0) or 3 (1)."""
-    a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
-    b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
+    lag = scratch.lag
+    a, e = per_lag_at(state, lag, 0, rates[0]), per_lag_at(state, lag, 1, rates[1])
+    b, c = per_lag_at(state, lag, 2, rates[2]), per_lag_at(state, lag, 3, rates[3])
     per_lag, left = scratch.per_lag[stage], scratch.left[stage]
     per_lag[0], per_lag[1], per_lag[2], per_lag[3] = a, e, b, c
-    left[0], left[1], left[2], left[3] = decayed(dt * a, dt * e, dt * b, dt * c)
+    left[0], left[1], left[2], left[3] = exponentials(dt * a, dt * e, dt * b, dt * c)
 
 
 @kernel
 def end_stages(state, scratch, rates, dt):
     """What is left of each lack at the end of the step, from the rates of all stages; the yields there."""
-    first, second, third = state.per_lag, scratch.per_lag[0], scratch.per_lag[1]
+    lag = scratch.lag
+    first, second, third = lag.per_lag, scratch.per_lag[0], scratch.per_lag[1]
     fourth, left = scratch.per_lag[2], scratch.left[1]
-    a, e = per_lag_at(state, 0, rates[0]), per_lag_at(state, 1, rates[1])
-    b, c = per_lag_at(state, 2, rates[2]), per_lag_at(state, 3, rates[3])
+    a, e = per_lag_at(state, lag, 0, rates[0]), per_lag_at(state, lag, 1, rates[1])
+    b, c = per_lag_at(state, lag, 2, rates[2]), per_lag_at(state, lag, 3, rates[3])
     fourth[0], fourth[1], fourth[2], fourth[3] = a, e, b, c
     sixth = dt / 6.0
-    left[0], left[1], left[2], left[3] = decayed(
+    left[0], left[1], left[2], left[3] = exponentials(
         sixth * (first[0] + 2.0 * (second[0] + third[0]) + a),
         sixth * (first[1] + 2.0 * (second[1] + third[1]) + e),
         sixth * (first[2] + 2.0 * (second[2] + third[2]) + b),
         sixth * (first[3] + 2.0 * (second[3] + third[3]) + c),
     )
     for i in range(4):
-        scratch.torque_yield[i] = state.gain[i] + state.lack[i] * left[i]
+        scratch.torque_yield[i] = lagged(lag.gain[i], lag.lack[i], left[i])
 
 
 @inlined
@@ -180,36 +185,38 @@ def lagging_torques(scratch, when):
 
 
 @kernel
-def yield_error(brakes, state, scratch, step):
+def yield_error(state, scratch, step):
     """How far a torque of the tried step may be off, which takes a parabola for the course of its yields (N m).
 
     The largest of the remainders of Simpson's rule: for an exponential, and for a constant that is linear in the
     logarithm of a rate that grows evenly.
     """
+    lag = scratch.lag
     largest = 0.0
     for i in range(4):
-        if state.lack[i] == 0.0 or state.sign[i] == 0.0:
+        if lag.lack[i] == 0.0 or state.sign[i] == 0.0:
             continue
-        share = step * state.per_lag[i]
+        share = step * lag.per_lag[i]
         off = min(share * share * share * share / 2880.0, 1.0 / 6.0)
-        if state.pace[i] == SLOW:
+        if lag.pace[i] == SLOW:
             start, end = abs(state.rate[i]), abs(scratch.rate[i])
             middle = 0.25 * abs(6.0 * abs(scratch.turned[i]) / step - start - end)
             low, high = min(min(start, end), middle), max(max(start, end), middle)
             spread = 2.0 * (high - low) / (high + low)
-            change = max(abs(scratch.per_lag[0, i] - state.per_lag[i]), abs(scratch.per_lag[2, i] - state.per_lag[i]))
+            change = max(abs(scratch.per_lag[0, i] - lag.per_lag[i]), abs(scratch.per_lag[2, i] - lag.per_lag[i]))
             off += step * change * spread * spread * spread / 480.0
-        largest = max(largest, abs(state.lack[i]) * off)
+        largest = max(largest, abs(lag.lack[i]) * off)
     return largest
 
 
 @kernel
 def pace_ends(brakes, state, scratch, step):
     """The first time in the tried step (s) at which a joint comes to another branch of Eq. (4); infinite: none does."""
+    lag = scratch.lag
     first = math.inf
     for i in range(4):
-        if state.sign[i] != 0.0 and state.lack[i] != 0.0:
-            pace = state.pace[i]
+        if state.sign[i] != 0.0 and lag.lack[i] != 0.0:
+            pace = lag.pace[i]
             if pace != FAST:
                 edge = brakes.omega_0[i] if pace == SLOW else brakes.floor[i]
                 first = min(first, edge_reached(state, scratch, i, edge, -1.0, step))
@@ -233,3 +240,9 @@ def edge_reached(state, scratch, i, edge, way, step):
         if s > EDGE_S:
             return s
     return math.inf
+
+
+@inlined
+def joint_acceleration(at, i):
+    """Angular acceleration of joint i (rad/s2) in a state or a tried step: g . a + gdot . v."""
+    return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]

@@ -14,7 +14,7 @@ from core.kernels import inlined, kernel
 from core.linkage import coupled_angle
 from core.mechanism import PLACES, STOP_E, D
 from core.simulator.hand import grip_force, prescribed_force
-from core.simulator.lag import begin_stages, end_stages, lagging_torques, next_stage
+from core.simulator.lag import LAG, begin_stages, end_stages, lagging_torques, next_stage
 from core.simulator.solver_numbers import ENERGY_ERROR, LEAST_ENERGY, NEAR_SINGULAR, REACH, STEP_ERROR
 from core.simulator.state import MOTION
 from core.simulator.stick_slip import solve_mass
@@ -30,6 +30,7 @@ STEP_SCRATCH = np.dtype(
         ("heat", "f8", (4,)),  # J
         ("work", "f8"),  # J, by the hand
         ("error", "f8"),  # m/s2, how far the step's last stage was from its end: its error estimate over its length
+        ("lag", LAG),
         # only where there is a lag
         ("torque_yield", "f8", (4,)),  # N m, at the end of the step
         ("steady", "f8", (4,)),  # N m, torque of a slipping brake whose yield has come to K
@@ -104,7 +105,7 @@ def rk4(model, data, t, dt):
     held = state.held
     first = slip_torques(state)
     torques2 = torques3 = torques4 = last = first
-    if state.lagging != 0:
+    if scratch.lag.lagging != 0:
         begin_stages(model.brakes, state, scratch, dt)
         torques2 = lagging_torques(scratch, 0)
     half = 0.5 * dt
@@ -114,19 +115,19 @@ def rk4(model, data, t, dt):
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
     ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, torques2, in_the_middle, (x2, y2, vx2, vy2))
     rates2 = rates_of(mechanism, q2)
-    if state.lagging != 0:
+    if scratch.lag.lagging != 0:
         next_stage(state, scratch, rates2, half, 0)
         torques3 = lagging_torques(scratch, 0)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
     ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, torques3, in_the_middle, (x3, y3, vx3, vy3))
     rates3 = rates_of(mechanism, q3)
-    if state.lagging != 0:
+    if scratch.lag.lagging != 0:
         next_stage(state, scratch, rates3, dt, 1)
         torques4 = lagging_torques(scratch, 1)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
     ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, torques4, at_the_end, (x4, y4, vx4, vy4))
     rates4 = rates_of(mechanism, q4)
-    if state.lagging != 0:
+    if scratch.lag.lagging != 0:
         end_stages(state, scratch, rates4, dt)
         last = lagging_torques(scratch, 1)
     sixth = dt / 6.0

@@ -24,65 +24,51 @@ MOTION = [
     ("line_torque", "f8"),  # N m, what holds the stuck joint on its own rate, brakes and stop together
 ]
 
-STATE = np.dtype(
-    [
-        *MOTION,
-        ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
-        # m: centre and radius of the SDOF path while one joint is stuck; if that is no circle, a coupling's angle (rad)
-        ("circle", "f8", (3,)),
-        ("contact", "f8", (PLACES,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
-        ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
-        ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
-        ("tolerance", "f8"),  # share of the error bounds in solver_numbers.py that a step must keep (`event`)
-        ("torque", "f8", (PLACES,)),  # N m, signed, what each brake does
-        ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
-        ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
-        ("play", "f8", (4,)),  # rad, position in the backlash
-        # energy ledger, J
-        ("work_hand", "f8"),
-        ("heat", "f8", (4,)),  # dissipated in each brake
-        ("lost_at_stops", "f8"),
-        ("kinetic_start", "f8"),
-        ("added_by_brakes", "f8"),  # the largest energy that any brake added in a step: must be none
-        # counters
-        ("steps", "i8"),
-        ("events", "i8"),
-        ("fallbacks", "i8"),  # steps (or rests of steps) that `event` gave to `stepping`
-        ("shortened", "i8"),  # steps cut because a stage left the region where the linkage closes
-        ("refined", "i8"),  # steps cut because their error estimate was too large
-        # work space of a step
-        ("cost_plus", "f8", (PLACES,)),  # N m, what a joint holds against + motion now
-        ("cost_minus", "f8", (PLACES,)),  # N m, against - motion
-        ("active", "i8", (PLACES,)),  # 1: the joint carries a brake or touches a stop
-        # the brakes' lag over a step
-        ("lagging", "i8"),  # 1: some yield is on its way; else nothing else of the lag is filled
-        ("gain", "f8", (4,)),  # N m, K: what the yield goes to
-        ("lack", "f8", (4,)),  # N m, y - K at the start
-        ("pace", "i8", (4,)),  # the branch of Eq. (4) for the joint's rate
-        ("per_lag", "f8", (4,)),  # 1/s, 1/a at the start
-        ("octaves", "f8", (4,)),  # omega_L at the start
-        ("per_rate", "f8", (4,)),  # s/rad, 1 / rate at the start; 0: the constant does not change with it
-        ("lag", "f8", (3, 4)),  # s, coefficients of a below omega_0
-        ("settled", "i8"),  # 1: pattern, acceleration and torques of a moving tip are those at the end of the last step
-    ]
-)
+#: What holds the motion to a held joint's path or to a stop, from step to step; constants of a run.
+COURSE = [
+    ("carry", "f8", (2,)),  # m/s, `stepping`: what the turn of a held joint's path took from the velocity
+    # m: centre and radius of the SDOF path while one joint is stuck; if that is no circle, a coupling's angle (rad)
+    ("circle", "f8", (3,)),
+    ("contact", "f8", (PLACES,)),  # hard stop: -1 at the low one, +1 at the high one, 0 away from both
+    ("distal_side", "f8"),  # sign of the sine between the distal links, fixed at the start
+    ("delta_omega", "f8"),  # rad/s, band of Eq. (6) (`karnopp` only)
+    ("tolerance", "f8"),  # share of the error bounds in solver_numbers.py that a step must keep (`event`)
+    ("settled", "i8"),  # 1: pattern, acceleration and torques of a moving tip are those at the end of the last step
+]
 
-#: Fields that are filled before they are read, in every step or after every rest. A device keeps the others between
-#: trials.
-_FILLED_FIRST = (
-    "cost_plus",
-    "cost_minus",
-    "active",
-    "lagging",
-    "gain",
-    "lack",
-    "pace",
-    "per_lag",
-    "octaves",
-    "per_rate",
-    "lag",
-)
-CARRIED = tuple(name for name in STATE.names or () if name not in _FILLED_FIRST)
+#: What the brakes do and can do.
+BRAKING = [
+    ("torque", "f8", (PLACES,)),  # N m, signed, what each brake does
+    ("torque_yield", "f8", (4,)),  # N m, what each brake can hold now (outside the backlash)
+    ("edge", "f8", (4,)),  # backlash: +1 at the upper edge of the play, -1 at the lower, 0 inside
+    ("play", "f8", (4,)),  # rad, position in the backlash
+]
+
+#: Sums since the start: energies, J, and counts. Nothing here changes the motion.
+LEDGER = [
+    ("work_hand", "f8"),
+    ("heat", "f8", (4,)),  # dissipated in each brake
+    ("lost_at_stops", "f8"),
+    ("kinetic_start", "f8"),
+    ("added_by_brakes", "f8"),  # the largest energy that any brake added in a step: must be none
+    ("steps", "i8"),
+    ("events", "i8"),
+    ("fallbacks", "i8"),  # steps (or rests of steps) that `event` gave to `stepping`
+    ("shortened", "i8"),  # steps cut because a stage left the region where the linkage closes
+    ("refined", "i8"),  # steps cut because their error estimate was too large
+]
+
+#: What each joint holds now, from its yield, backlash and stop: `set_costs` fills it before it is read.
+HOLDING = [
+    ("cost_plus", "f8", (PLACES,)),  # N m, what a joint holds against + motion
+    ("cost_minus", "f8", (PLACES,)),  # N m, against - motion
+    ("active", "i8", (PLACES,)),  # 1: the joint carries a brake or touches a stop
+]
+
+STATE = np.dtype([*MOTION, *COURSE, *BRAKING, *LEDGER, *HOLDING])
+
+#: Fields that a device keeps between trials: all that is not filled before it is read.
+CARRIED = np.dtype([*MOTION, *COURSE, *BRAKING, *LEDGER]).names or ()
 
 ARM = np.dtype([(name, "f8") for name in Arm._fields])
 MECHANISM = np.dtype(

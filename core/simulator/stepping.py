@@ -13,11 +13,12 @@ from core.kernels import kernel
 from core.mechanism import PLACES
 from core.simulator import solver_numbers as limits
 from core.simulator.hand import cap_scale, hand_force, spring_force
+from core.simulator.impact import hit_stop
 from core.simulator.lag import age_yields, begin_lags
 from core.simulator.runge_kutta import keep_on_line, kinetic
 from core.simulator.state import MR
 from core.simulator.stick_slip import STILL, same_line, solve_at_rest
-from core.simulator.stick_slip_mode import enter_line, hit_stop, joints_of, set_costs, update_kinematics
+from core.simulator.stick_slip_mode import enter_line, joints_of, set_costs, update_kinematics
 from core.stops import stop_gap
 
 
@@ -45,7 +46,7 @@ def advance_stepping(model, data, currents, t, h):
     elapsed, step, halvings = 0.0, h, 0
     while elapsed < h:
         step = min(step, h - elapsed)
-        begin_lags(model.brakes, state, currents, lagged)
+        begin_lags(model.brakes, state, scratch.lag, currents, lagged)
         speed = implicit_velocity(model, data, t + elapsed, step)
         singular = near_singular(mechanism, state)
         if halvings < limits.MOST_HALVINGS and (
@@ -90,7 +91,7 @@ def implicit_velocity(model, data, t, h):
     tip, mass, grip = state.tip, state.mass, hand.grips[0]
     for i in range(4):
         scratch.torque_yield[i] = state.torque_yield[i]
-    age_yields(state, h)
+    age_yields(state, scratch.lag, h)
     set_costs(model.brakes, state)
     for i in range(4):
         state.torque_yield[i] = scratch.torque_yield[i]
@@ -127,7 +128,7 @@ def take_step(model, data, h):
     """Take the implicit step: move the tip, add to the ledger, and update the kinematics."""
     mechanism, state, scratch = model.mechanism, data.state, data.scratch
     tip = state.tip
-    age_yields(state, h)
+    age_yields(state, scratch.lag, h)
     for j in range(PLACES):
         state.sign[j] = scratch.sign[j]
         for k in range(2):

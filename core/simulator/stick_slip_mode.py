@@ -1,7 +1,7 @@
 """The pattern of stick and slip at an instant: which joint is held, which way each other brake slips.
 
-`resolve` asks the exact solver at the start of a step; `stick_or_slip` when the rate of one joint reaches zero on the
-way; `hit_stop` when a joint runs into a hard stop.
+`decide` is the one door: it asks the exact solver how the device goes on from what the state holds. `resolve`, the
+stage at the start of a step, goes through it, and so does each event (`event`).
 """
 
 import math
@@ -134,25 +134,42 @@ def resolve(model, data, t):
         return
     tip, arm_mass = state.tip, hand.grips[0].mass
     fx, fy = hand_force(hand, t, tip[0], tip[1], tip[2], tip[3])
-    if tip[2] == 0.0 and tip[3] == 0.0:
+    if tip[2] != 0.0 or tip[3] != 0.0:
+        see_rates(mechanism, state, fx, fy, arm_mass)
+    decide(mechanism, brakes, state, state.held, (fx, fy), arm_mass)
+
+
+@inlined
+def see_rates(mechanism, state, fx, fy, arm_mass):
+    """Look at the rate of each joint that is not held: without one it sticks or slips, else it slips as it moves."""
+    if state.held == STILL:
+        state.held = FREE
+    for i in range(PLACES):
+        rate = state.rate[i]
+        if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
+            continue
+        at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
+        if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
+            continue
+        at_rest = at_stop or rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
+        if at_rest and state.held == FREE:
+            stick_or_slip(mechanism, state, i, fx, fy, arm_mass)
+        elif abs(rate) > RATE_ROUNDING or state.sign[i] == 0.0:
+            state.sign[i] = 1.0 if rate > 0.0 else -1.0
+
+
+@kernel
+def decide(mechanism, brakes, state, j, force, arm_mass):
+    """Decide which brakes stick under the hand force (N); fills held, sign, acceleration and torque.
+
+    A tip at rest stays, or leaves as the forces let it. In motion joint j, which has no rate, sticks or slips on; FREE:
+    no joint is in question. Expects the costs set (`set_costs`).
+    """
+    fx, fy = force
+    if state.tip[2] == 0.0 and state.tip[3] == 0.0:
         from_rest(mechanism, state, fx, fy, arm_mass)
-    else:
-        if state.held == STILL:
-            state.held = FREE
-        for i in range(PLACES):
-            rate = state.rate[i]
-            if state.active[i] == 0 or (state.held >= 0 and same_line(i, state.held, mechanism.lines)):
-                continue
-            at_stop = state.contact[i] != 0.0 and state.contact[i] * rate > -RATE_ROUNDING
-            if not at_stop and state.sign[i] * rate >= RATE_ROUNDING:
-                continue
-            at_rest = at_stop or rate == 0.0 or (state.sign[i] == 0.0 and abs(rate) <= RATE_ROUNDING)
-            if at_rest and state.held == FREE:
-                stick_or_slip(mechanism, state, i, fx, fy, arm_mass)
-            elif abs(rate) > RATE_ROUNDING or state.sign[i] == 0.0:
-                state.sign[i] = 1.0 if rate > 0.0 else -1.0
-        if state.held >= 0:
-            stick_or_slip(mechanism, state, state.held, fx, fy, arm_mass)
+    elif j >= 0:
+        stick_or_slip(mechanism, state, j, fx, fy, arm_mass)
     settle_edges(brakes, state)
     finish(mechanism, state, fx, fy, arm_mass)
 
@@ -376,33 +393,3 @@ def finish(mechanism, state, fx, fy, arm_mass):
     ax, ay = solve_mass(mass[0], mass[1], mass[2], rx, ry)
     state.acceleration[0], state.acceleration[1] = ax, ay
     state.hand_force[0], state.hand_force[1] = fx - arm_mass * ax, fy - arm_mass * ay
-
-
-@kernel
-def hit_stop(mechanism, state, j, side, arm_mass):
-    """Joint j runs into its stop (side +1: at the high end): plastic impact, brakes give no impulse.
-
-    v+ = argmin 1/2 (v - v-)' M (v - v-) with the stop's rate >= 0; the loss goes to the ledger as an entry of its own.
-    """
-    mass, g, tip = state.mass, state.g, state.tip
-    mxx, mxy, myy = mass[0] + arm_mass, mass[1], mass[2] + arm_mass
-    state.contact[j] = side
-    before = 0.5 * (mxx * tip[2] * tip[2] + 2.0 * mxy * tip[2] * tip[3] + myy * tip[3] * tip[3])
-    arm_before = 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
-    hx, hy = solve_mass(mxx, mxy, myy, g[j, 0], g[j, 1])
-    impulse = (g[j, 0] * tip[2] + g[j, 1] * tip[3]) / (g[j, 0] * hx + g[j, 1] * hy)
-    tip[2] -= hx * impulse
-    tip[3] -= hy * impulse
-    for i in range(PLACES):
-        if i != j and state.contact[i] * (g[i, 0] * tip[2] + g[i, 1] * tip[3]) > 0.0:
-            tip[2] = tip[3] = 0.0  # wedged between two stops
-    after = 0.5 * (mxx * tip[2] * tip[2] + 2.0 * mxy * tip[2] * tip[3] + myy * tip[3] * tip[3])
-    state.lost_at_stops += before - after
-    state.work_hand += arm_before - 0.5 * arm_mass * (tip[2] * tip[2] + tip[3] * tip[3])
-    update_kinematics(mechanism, state)
-    state.held = STILL if tip[2] == 0.0 and tip[3] == 0.0 else FREE
-    for i in range(PLACES):
-        if same_line(i, j, mechanism.lines):
-            state.rate[i] = 0.0  # exactly: `stick_or_slip` decides how it goes on
-        rate = state.rate[i]
-        state.sign[i] = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)

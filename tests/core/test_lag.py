@@ -95,9 +95,9 @@ def test_yields_that_have_arrived_are_those_of_brakes_without_lag():
     lagging, without = (Simulation(device, (0.0, 0.4), fidelity=f, hand=hand) for f in ("mr", "static"))
     currents = np.full((1, 4), 0.5)
     lagging.rows(2, Schedule(np.zeros(1), currents), Grid(0, 10, 10, 1e-3))
-    assert lagging.state["lagging"][0] == 1
+    assert lagging.step_scratch["lag"]["lagging"][0] == 1
     lagging.rows(2, Schedule(np.zeros(1), currents), Grid(10, 300, 290, 1e-3))
-    assert lagging.state["lagging"][0] == 0 and np.any(lagging.state["rate"][0] != 0.0)
+    assert lagging.step_scratch["lag"]["lagging"][0] == 0 and np.any(lagging.state["rate"][0] != 0.0)
     for name in CARRIED:
         without.state[name] = lagging.state[name]
     found = [
