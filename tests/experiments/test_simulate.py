@@ -41,6 +41,7 @@ class Ramp:
 
     def __init__(self, scene, fails_after: int | None = None, error: BaseException | None = None) -> None:
         self.scene, self.done, self.fails_after, self.error = scene, 0, fails_after, error
+        self.leaving = SimpleNamespace(warning="")
 
     def ledger(self) -> SimpleNamespace:
         return SimpleNamespace(events=3, fallbacks=1, warnings=tuple)
