@@ -1,8 +1,10 @@
 """Work beside the window: a function in a thread, of which only the newest result is shown; verbs in processes."""
 
+import atexit
 import contextlib
 import subprocess
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -14,16 +16,18 @@ from app.progress import PROGRESS
 from core.files import InputError
 from experiments.recording.atomic_files import reason_of
 
+LONGEST_END_S = 5.0  # that the end of the program waits for threads
 LOOK_MS = 2000  # between two looks of a `Watch`
 
 
 class BackgroundTask(QObject):
     """One thing at a time is asked for; what was asked before is dropped when it comes.
 
-    It has no parent: a thread that outlives its page may still emit. Nor does it end in such a thread.
+    It has no parent: a thread that outlives its page may still emit. It is kept until its threads have ended, for a
+    QObject must not end in another thread than its own.
     """
 
-    _awaited: ClassVar[list["BackgroundTask"]] = []  # once for each result that is still to come
+    _unfinished: ClassVar[set["BackgroundTask"]] = set()  # those with threads
 
     done = Signal(object)  # the result, or the InputError that says why there is none; a deleted page hears nothing
     _came = Signal(int, object)  # to this thread: the number of what was asked, and the same
@@ -32,14 +36,17 @@ class BackgroundTask(QObject):
         super().__init__()
         self.done.connect(done)
         self._newest = 0  # number of what was asked for last
+        self._threads: dict[int, threading.Thread] = {}  # by the number of what was asked
         self.busy = False  # whether its result is still to come
         self._came.connect(self._emit)
 
     def ask(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Call it in a thread."""
         self._newest, self.busy = self._newest + 1, True
-        self._awaited.append(self)
-        threading.Thread(target=self._run, args=(self._newest, function, arguments), daemon=True).start()
+        self._unfinished.add(self)
+        asked = self._newest, function, arguments
+        self._threads[self._newest] = thread = threading.Thread(target=self._run, args=asked, daemon=True)
+        thread.start()
 
     def forget(self) -> None:
         """Nothing that was asked is wanted any more."""
@@ -55,10 +62,27 @@ class BackgroundTask(QObject):
         self._came.emit(number, result)
 
     def _emit(self, number: int, result: object) -> None:
-        self._awaited.remove(self)
+        self._threads.pop(number).join()
+        if not self._threads:
+            self._unfinished.discard(self)
         if number == self._newest:
             self.busy = False
             self.done.emit(result)
+
+    @classmethod
+    def finish(cls) -> None:
+        """The program ends: wait for its threads, for one that comes back to Python later ends it by a crash.
+
+        One that waits for something that does not come back, as a folder on a network, is left where it is.
+        """
+        end_s = time.monotonic() + LONGEST_END_S
+        for task in cls._unfinished:
+            for thread in task._threads.values():
+                thread.join(max(end_s - time.monotonic(), 0.0))
+        cls._unfinished.clear()
+
+
+atexit.register(BackgroundTask.finish)
 
 
 class Watch(BackgroundTask):
