@@ -13,6 +13,7 @@ from core.ranges import PLACE
 from core.svg_picture import shown_lines
 
 DRAWING = "drawing"  # kind of a path that is drawn in a file
+KINDS = ("segment", "polyline", "arc", DRAWING)
 COLUMNS = ("x_m", "y_m")
 LEAST_STEP_M = 1e-6  # points nearer to the one before are left out
 SMOOTHING_STEPS = 2  # points within the width of the smoothing
@@ -33,7 +34,10 @@ def read_path(entry: dict[str, Any], read: Callable[[str], str], where: str) -> 
 
     read: returns the text of a file by its name. InputError, beginning with `where`, if the entry is no path.
     """
-    if entry.get("kind") != DRAWING:
+    kind = entry.get("kind")
+    if kind is not None and kind not in KINDS:
+        raise InputError(f"{where}: kind must be one of {', '.join(KINDS)}, not {kind!r}")
+    if kind != DRAWING:
         return path_from(entry, where), ""
     drawing = from_plain(entry, Drawing, where)
     where = f"{where}: {drawing.file}"

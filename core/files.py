@@ -244,9 +244,10 @@ def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:
         return f"{at}{name} must be {_BOUND_WORDS[found[1]]} {float(found[2]):g}, not {_value(content, key)!r}"
     if found := re.fullmatch("Invalid value '(.*)'", reason):
         return f"{at}{name} {found[1]!r} is not known"
-    if found := re.fullmatch(r"Expected `array` of length (?:(?:>=|<=) )?(\d+)(?:, got \d+)?", reason):
-        values = "value" if found[1] == "1" else "values"
-        return f"{at}{name} must hold {found[1]} {values}, not {len(_value(content, key))}"
+    if found := re.fullmatch(r"Expected `array` of length ((?:>=|<=) )?(\d+)(?:, got \d+)?", reason):
+        bound = {">=": "at least ", "<=": "at most "}.get((found[1] or "").strip(), "")
+        values = "value" if found[2] == "1" else "values"
+        return f"{at}{name} must hold {bound}{found[2]} {values}, not {len(_value(content, key))}"
     return f"{_numbered(key)}: {reason}" if key else reason
 
 
@@ -257,7 +258,8 @@ def _place(key: str) -> tuple[str, str]:
     """
     table, is_listed, name = key.rpartition("].")
     while found := re.fullmatch(r"(.*)\[(\d+)\]", name.rpartition(" of ")[2]):
-        name = name.removesuffix(found[0]) + f"value {int(found[2]) + 1} of {found[1]}"
+        part = "point" if re.fullmatch(r"points\w*", found[1]) else "value"
+        name = name.removesuffix(found[0]) + f"{part} {int(found[2]) + 1} of {found[1]}"
     return (f"{_numbered(table + ']')}: " if is_listed else ""), name
 
 

@@ -367,7 +367,12 @@ class Segment(Followed, tag="segment", tag_field="kind", forbid_unknown_fields=T
 class Polyline(Followed, tag="polyline", tag_field="kind", forbid_unknown_fields=True, frozen=True):
     """Straight lines from point to point."""
 
-    points_m: Annotated[tuple[Pair, ...], msgspec.Meta(min_length=2, max_length=MOST_POINTS)]
+    points_m: Annotated[tuple[Pair, ...], msgspec.Meta(max_length=MOST_POINTS)]
+
+    def __post_init__(self) -> None:
+        if len(self.points_m) < 2:
+            example = "points_m = [[-0.08, 0.26], [0.08, 0.42]]"
+            raise ValueError(f"a polyline needs at least two points, for instance {example}")
 
 
 class Arc(Followed, tag="arc", tag_field="kind", forbid_unknown_fields=True, frozen=True):

@@ -1,10 +1,8 @@
-"""Writes protocol files: TOML that `experiments.protocol` reads, and paths from the points that draw them."""
+"""Writes protocol files: TOML that `experiments.protocol` reads."""
 
-import cmath
-import math
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,16 +11,13 @@ import msgspec
 from core.control.controllers import Preset
 from core.device import Device, build_device, load_device, shipped_devices
 from core.drawn_path import DRAWING
-from core.files import InputError, Pair, toml_text
-from core.path import Polyline, Segment, path_from
+from core.files import InputError, toml_text
 from experiments.assumptions import IDEAL
 from experiments.language import shipped_languages
 from experiments.protocol import Protocol, read_protocol
 from experiments.protocol_file import MouseHand
 from experiments.recording.atomic_files import reason_of, replace_file, write_new_file, write_new_files
 
-#: kind of path -> how many points draw it; a polyline takes any number from two on
-POINTS = {"segment": 2, "polyline": 2, "arc": 3}
 ABOUT = "# A protocol of phd. docs/examples/protocols/every-key.toml says what each key is.\n"
 
 
@@ -31,12 +26,11 @@ def protocol_text(content: Mapping[str, Any]) -> str:
     return ABOUT + toml_text(content)
 
 
-def save_protocol(path: Path, content: Mapping[str, Any], replacing: bool = False) -> None:
+def save_protocol(path: Path, text: str, replacing: bool = False) -> None:
     """Write a protocol file that can be run. InputError, and nothing written, if it cannot, or if the file exists.
 
     replacing: an existing file is replaced. Devices given by path are looked for from the file's folder.
     """
-    text = protocol_text(content)
     read_protocol(text, path.parent, str(path))
     try:
         write = replace_file if replacing else write_new_file
@@ -175,50 +169,3 @@ def _device_files(
     made = toml_text(about)
     files[f"{path.stem}-device.toml"] = made
     return files, build_device(made, brakes, f"{path.stem}-device.toml", device.calibration_text)
-
-
-def points_of(path: Mapping[str, Any]) -> list[Pair]:
-    """The points (m) that draw a path: ends, corners, and the middle of an arc; empty if it is no path."""
-    try:
-        found = path_from({key: value for key, value in path.items() if key != "number"}, "path")
-    except InputError:
-        return []
-    if isinstance(found, Segment):
-        return [found.start_m, found.end_m]
-    if isinstance(found, Polyline):
-        return list(found.points_m)
-    (x, y), r, first, last = found.centre_m, found.radius_m, found.from_deg, found.to_deg
-    angles = (math.radians(angle) for angle in (first, 0.5 * (first + last), last))
-    return [(x + r * math.cos(angle), y + r * math.sin(angle)) for angle in angles]
-
-
-def path_through(kind: str, points: Sequence[Pair]) -> dict[str, Any]:
-    """The path of a kind through points (m), as a file has it. InputError if there is none."""
-    rounded = [[round(x, 6), round(y, 6)] for x, y in points]
-    if len(points) < POINTS[kind]:
-        raise InputError(f"path: {kind} needs {POINTS[kind]} points")
-    if kind == "segment":
-        return {"kind": kind, "start_m": rounded[0], "end_m": rounded[-1]}
-    if kind == "polyline":
-        return {"kind": kind, "points_m": rounded}
-    a, b, c = (complex(*point) for point in (points[0], points[1], points[-1]))
-    if a == c != b:  # a full circle
-        centre, first = 0.5 * (a + b), math.degrees(cmath.phase(a - b))
-        return _arc_file(centre, abs(a - centre), first, first + 360.0)
-    if abs(((c - a) * (b - a).conjugate()).imag) <= 1e-9:
-        raise InputError("path: the three points of an arc lie on a line")
-    w = (c - a) / (b - a)
-    centre = (b - a) * (w - abs(w) ** 2) / (2j * w.imag) + a  # of the circle through a, b, c
-    first, via, last = (math.degrees(cmath.phase(point - centre)) for point in (a, b, c))
-    turn = (last - first) % 360.0
-    if (via - first) % 360.0 > turn:  # clockwise
-        turn -= 360.0
-    return _arc_file(centre, abs(a - centre), first, first + turn)
-
-
-def _arc_file(centre: complex, radius: float, first: float, last: float) -> dict[str, Any]:
-    """An arc as a file has it; m, degrees."""
-    return {
-        "kind": "arc", "centre_m": [round(centre.real, 6), round(centre.imag, 6)], "radius_m": round(radius, 6),
-        "from_deg": round(first, 3), "to_deg": round(last, 3),
-    }  # fmt: skip

@@ -540,8 +540,7 @@ def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(sc
     console = screens.hear(opened(""), before())
     editor = console.page(HOME).editor
     editor.open("displays")
-    editor.fields["name"].setText("mine")
-    editor.fields["name"].textEdited.emit("mine")
+    editor.text.appendPlainText("# mine")
     assert not console.close() and not screens.client.stopped
     assert "lost then: what was changed in the editor (Displays protocol, a copy)." in " ".join(visible_texts(console))
     console.escape("")

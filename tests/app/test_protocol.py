@@ -144,7 +144,7 @@ REFUSED = {
     "participant": (changed(PAPER.text, participants='["a b"]'), "value 1 of participants must be letters and digits"),
     "same participant": (changed(PAPER.text, participants='["01", "01"]'), "participants: .* twice"),
     "unknown device": (changed(PAPER.text, devices='["five-brake"]'), "devices: unknown device 'five-brake'"),
-    "no device": (changed(PAPER.text, devices="[]"), "devices must hold 1"),
+    "no device": (changed(PAPER.text, devices="[]"), "devices must hold at least 1"),
     "same device": (changed(PAPER.text, devices='["four-brake", "four-brake"]'), "two devices have the same name"),
     "cues": (PAPER.text + "\n[cues]\ntoo_fast_s = 5.0\ntoo_slow_s = 2.0\n", "cues: too_fast_s .* must be shorter"),
     "breaks": (PAPER.text + "\n[breaks]\nafter_trials = 0\nleast_s = 2.0\n", "breaks.after_trials must be at least 1"),

@@ -18,7 +18,7 @@ from core.device import SHIPPED_FOLDER as DEVICES
 from core.device import load_device
 from core.device_file import SHIPPED_FOLDER as BRAKES
 from core.files import InputError, toml_text
-from core.path import build_path, outline, path_from, point_at
+from core.path import build_path, point_at
 from experiments.assumptions import DEFAULTS
 from experiments.language import ENGLISH_WORDS, FOLDER, read_language, shipped_languages
 from experiments.paper_figures.directions import HALF_TURN, force_lines
@@ -32,8 +32,6 @@ from experiments.protocol import (
 )
 from experiments.protocol_writer import (
     Variant,
-    path_through,
-    points_of,
     protocol_text,
     save_protocol,
     save_variant,
@@ -291,49 +289,21 @@ def test_a_protocol_as_one_file_is_the_same_without_the_files_it_came_from(tmp_p
 
 def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:
     file = tmp_path / "mine.toml"
-    save_protocol(file, shipped("paper"))
+    save_protocol(file, protocol_text(shipped("paper")))
     first = file.read_bytes()
     with pytest.raises(InputError, match=r"mine\.toml: exists already"):
-        save_protocol(file, shipped("displays"))
+        save_protocol(file, protocol_text(shipped("displays")))
     assert file.read_bytes() == first
-    save_protocol(file, shipped("displays"), replacing=True)
+    save_protocol(file, protocol_text(shipped("displays")), replacing=True)
     assert load_protocol(file).name == "displays" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
 def test_what_cannot_be_run_or_written_leaves_nothing(tmp_path) -> None:
     with pytest.raises(InputError, match=r"mine\.toml: blocks must be at least 1, not 0"):
-        save_protocol(tmp_path / "mine.toml", {**shipped("paper"), "blocks": 0})
+        save_protocol(tmp_path / "mine.toml", protocol_text({**shipped("paper"), "blocks": 0}))
     with pytest.raises(InputError, match="cannot be written"):
-        save_protocol(tmp_path / "no" / "mine.toml", shipped("paper"))
+        save_protocol(tmp_path / "no" / "mine.toml", protocol_text(shipped("paper")))
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("name", shipped_protocols())
-def test_a_path_is_drawn_again_from_its_points(name: str) -> None:
-    for path in shipped(name)["path"]:
-        again = path_through(path["kind"], points_of(path))
-        before, after = (outline(path_from(one, "path"), 0.01) for one in (without_number(path), again))
-        assert after == pytest.approx(before, abs=1e-5)
-
-
-def without_number(path: dict) -> dict:
-    return {key: value for key, value in path.items() if key != "number"}
-
-
-@pytest.mark.parametrize("turn", [30.0, 170.0, 250.0, -30.0, -200.0])
-@pytest.mark.parametrize("first", [-170.0, 0.0, 95.0])
-def test_an_arc_runs_from_its_first_point_by_the_second_to_the_last(first: float, turn: float) -> None:
-    arc = {"kind": "arc", "centre_m": [0.02, 0.3], "radius_m": 0.1, "from_deg": first, "to_deg": first + turn}
-    again = path_through("arc", points_of(arc))
-    assert again["to_deg"] - again["from_deg"] == pytest.approx(turn, abs=0.01)
-    assert math.dist(points_of(again)[1], points_of(arc)[1]) < 1e-5
-
-
-def test_points_without_a_path_are_refused() -> None:
-    with pytest.raises(InputError, match="lie on a line"):
-        path_through("arc", [(0.0, 0.3), (0.05, 0.3), (0.1, 0.3)])
-    with pytest.raises(InputError, match="needs 2 points"):
-        path_through("polyline", [(0.0, 0.3)])
 
 
 def without_valid_brake(device, path_file, side):

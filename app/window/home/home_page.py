@@ -489,4 +489,4 @@ class HomePage(Page):
     def _show_editor(self) -> None:
         self.cards.leave()
         self.stack.setCurrentWidget(self.editor)
-        self.editor.fields["name"].setFocus()
+        self.editor.text.setFocus()

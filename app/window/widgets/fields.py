@@ -3,16 +3,14 @@
 import math
 from typing import Any
 
-from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Signal
+from PySide6.QtCore import QPointF, QRectF, Signal
 from PySide6.QtGui import QPainter, QPaintEvent
-from PySide6.QtWidgets import QCheckBox, QLineEdit, QPlainTextEdit, QStyle, QStyleOptionButton
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QStyle, QStyleOptionButton
 
-from app.window.widgets import theme
 from app.window.widgets.parts import Segments
 from app.window.widgets.theme import COLOURS, pen
 
 LONGEST = 200  # letters of a text
-LONG_PX = 90  # high, a text of several lines at a text size of 1
 
 
 class TextField(QLineEdit):
@@ -41,24 +39,6 @@ class NumberField(TextField):
 
     def show_value(self, value: Any) -> None:
         super().show_value(f"{value:.10g}" if isinstance(value, float) else value)
-
-
-class LongText(QPlainTextEdit):
-    """A text of several lines."""
-
-    changed = Signal(object)
-
-    def __init__(self, label: str, hint: str = "") -> None:
-        super().__init__(accessibleName=label, placeholderText=hint, tabChangesFocus=True)
-        self.setFixedHeight(theme.text_px(LONG_PX))
-        self.textChanged.connect(lambda: self.changed.emit(self.value()))
-
-    def value(self) -> str | None:
-        return self.toPlainText().strip() or None
-
-    def show_value(self, value: Any) -> None:
-        with QSignalBlocker(self):
-            self.setPlainText("" if value is None else str(value))
 
 
 class Tick(QCheckBox):
@@ -90,7 +70,7 @@ class Tick(QCheckBox):
         self.setChecked(bool(value))
 
 
-Field = TextField | LongText | Tick | Segments
+Field = TextField | Tick | Segments
 
 
 def number_of(text: str) -> Any:
