@@ -8,8 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
-Distribution = pytest.importorskip("setuptools").Distribution  # Python from 3.12 on has it no more
+from setuptools import Distribution
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("core", "hardware", "experiments", "app")
