@@ -24,10 +24,12 @@ _KNOWN = (*_SHAPES, "svg", "g", "a", "switch", "use", "defs", "symbol", "style")
 #: Of CSS: what decides where a line is and whether it is seen.
 _DECIDES = re.compile(r"(?:^|[;{\s])(display|visibility|opacity|transform[\w-]*|d|stroke|fill)\s*:")
 _SELECTOR = re.compile(r"\*|[\w-]*(?:[.#][\w-]+)?")
-_WRITTEN = {
-    "d": re.compile(r"\s*([Mm][-+.,eE\d\sMmZzLlHhVvCcSsQqTtAa]*)?", re.ASCII),
-    "points": re.compile(r"[-+.,eE\d\s]*", re.ASCII),
-}
+_POINTS = re.compile(r"[-+.,eE\d\s]*", re.ASCII)
+#: Of the data of a path: how many numbers each command takes at a time, and what they look like.
+_TAKES = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+_COMMAND = re.compile(r"\s*([MLHVCSQTAZ])", re.IGNORECASE)
+_NUMBER = re.compile(r"\s*,?\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?", re.IGNORECASE | re.ASCII)
+_FLAG = re.compile(r"\s*,?\s*[01]")
 _TRANSFORM = re.compile(r"(matrix|translate|scale|rotate|skewX|skewY)\s*\(([-+.,eE\d\s]*)\)[\s,]*", re.ASCII)
 _NUMBERS_OF = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
 
@@ -102,16 +104,41 @@ def _check_element(element: ElementTree.Element, where: str) -> None:
         raise InputError(f"{where}: {name} has a transform-origin, which is not read: apply its transform first")
     if name == "symbol" and "viewBox" in element.attrib:
         raise InputError(f"{where}: a symbol has a viewBox, which is not read: unlink the clones of the symbol")
-    for key, written in _WRITTEN.items():
-        value = element.get(key, "")
-        is_odd = key == "points" and len(_numbers(value)) % 2
-        if not written.fullmatch(value) or is_odd or re.search(r",\s*,", value):
-            raise InputError(f"{where}: is no SVG picture that can be read ({key} of {name} is {value!r})")
+    if not _is_path_data(data := element.get("d", "")):
+        raise InputError(f"{where}: is no SVG picture that can be read (d of {name} is {data!r})")
+    points = element.get("points", "")
+    if not _POINTS.fullmatch(points) or len(_numbers(points)) % 2 or re.search(r",\s*,", points):
+        raise InputError(f"{where}: is no SVG picture that can be read (points of {name} are {points!r})")
     if (transform := element.get("transform")) is not None:
         parts = _TRANSFORM.findall(transform)
         wrong = any(len(_numbers(numbers)) not in _NUMBERS_OF[kind] for kind, numbers in parts)
         if wrong or _TRANSFORM.sub("", transform).strip():
             raise InputError(f"{where}: is no SVG picture that can be read (transform of {name} is {transform!r})")
+
+
+def _is_path_data(data: str) -> bool:
+    """Whether the data of a path are whole: each command with all its numbers, arcs with flags of 0 and 1."""
+    if data.strip()[:1] not in ("", "M", "m"):
+        return False
+    at = 0
+    while command := _COMMAND.match(data, at):
+        kind, at, sets = command[1].upper(), command.end(), 0
+        while (end := _end_of_set(kind, data, at)) > at:
+            at, sets = end, sets + 1
+        if not sets and kind != "Z":
+            return False
+    return not data[at:].strip() and not re.search(r"[A-Za-z]\s*,", data)
+
+
+def _end_of_set(kind: str, data: str, at: int) -> int:
+    """Where the numbers end that a command takes at a time; `at`: they are not all there."""
+    end = at
+    for k in range(_TAKES[kind]):
+        found = (_FLAG if kind == "A" and k in (3, 4) else _NUMBER).match(data, end)
+        if not found:
+            return at
+        end = found.end()
+    return end
 
 
 def _numbers(text: str) -> list[str]:
