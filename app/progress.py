@@ -137,19 +137,19 @@ class ScreenCheck:
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
 
-    def check(self) -> None:
+    def check(self, wanted: float = 1.0) -> None:
         """Wait for the result. InputError: there is no screen.
 
-        On a small screen (or one at 200 %) everything is scaled down to fit; before a window is made, for Qt reads the
-        scale once.
+        wanted: scale of everything; on a small screen (or one at 200 %) it is smaller, to fit. Before a window is made,
+        for Qt reads the scale once.
         """
         answer, _ = self._tried.communicate()
         if self._tried.returncode != 0:
             named = ", ".join(f"{name}={os.environ[name]}" for name in PLACES if name in os.environ)
             raise InputError(f"the window cannot be opened: Qt finds no usable screen ({named})")
         *_, width, height = json.loads(answer.splitlines()[-1])[0]
-        share = min(width / LEAST_ROOM[0], height / LEAST_ROOM[1])
-        if share < 1.0:
+        share = min(wanted, width / LEAST_ROOM[0], height / LEAST_ROOM[1])
+        if share != 1.0:
             os.environ["QT_SCALE_FACTOR"] = f"{share * float(os.environ.get('QT_SCALE_FACTOR', 1.0)):.4f}"
 
 

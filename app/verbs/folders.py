@@ -148,7 +148,9 @@ def play(recording: Path) -> int:
     read_playback(recording)  # InputError: it cannot be played
     display = ScreenCheck("play it on", "--json needs none")
     trial_view = import_window_module("analyse.trial_view")
-    display.check()
+    memory = import_window_module("widgets.memory")
+    memory.begin()
+    display.check(memory.scale())
     return trial_view.run(recording)
 
 

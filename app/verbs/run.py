@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int | None:
         memory.begin()
         palette.choose(args.theme or memory.remembered(memory.DARK_OR_LIGHT))
         program = import_window_module("program")
-        display.check()
+        display.check(memory.scale())
         program.make_ready()
         if not program.compile_kernels():
             client.stop("the set-up was closed")

@@ -10,9 +10,10 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QEvent, QSize, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QUrl, Signal
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent, QWindow
 from PySide6.QtWidgets import (
+    QApplication,
     QFileDialog,
     QLineEdit,
     QMenu,
@@ -176,30 +177,39 @@ class MainWindow(QWidget):
         )
         pages = column(head, (self._stack, 1), spacing=8)
         self.setLayout(column((pages, 1), self._foot, spacing=0, margins=(theme.GAP, 6, theme.GAP, 0)))
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        """Larger text needs a larger window, as far as the screen has room for it and its frame."""
         room = QGuiApplication.primaryScreen().availableSize() - QSize(*theme.FRAME)
-        width, height = map(theme.text_px, SMALLEST)
-        self.setMinimumSize(min(width, room.width()), min(height, room.height()))
+        self.setMinimumSize(min(SMALLEST[0], room.width()), min(SMALLEST[1], room.height()))
 
     def _connect(self) -> None:
         for name, tab in self.tabs.items():
             tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
         self.preflight.brakes.clicked.connect(self._press_brakes)
         own: dict[str, Callable[[], object]] = {
-            "escape": lambda: self.escape("Esc was pressed in the main window"),
             "allow brakes": self.allow_brakes,
             "participant": self.participant_asked.emit,
             "keys": self.show_keys,
             "help": self.help.showMenu,
             "settings": self.show_settings,
-            "larger": lambda: theme.scale_text(1),
-            "smaller": lambda: theme.scale_text(-1),
             **{name.lower(): partial(self.show_page, name) for name in PAGES if name.lower() in KEYS},
         }
-        bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in own})
+        bind(self, own | {name: partial(self.do, name) for name in KEYS if name not in (*own, "escape")})
+        QGuiApplication.instance().focusWindowChanged.connect(self._listen)  # type: ignore[union-attr]
+
+    def _listen(self, window: QWindow | None) -> None:
+        """Hear Esc in the window that has the keyboard now, whether it is one of the app, a dialog or a menu."""
+        if window is not None:
+            window.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Esc, before any dialog, menu or field can keep it to itself: Qt asks first whether it is a shortcut."""
+        if not (isinstance(event, QKeyEvent) and isinstance(watched, QWindow) and event.key() == Qt.Key.Key_Escape):
+            return super().eventFilter(watched, event)
+        if event.type() == QEvent.Type.ShortcutOverride:
+            event.accept()
+            if not event.isAutoRepeat():
+                self.press_escape()
+            return True
+        return QApplication.activeModalWidget() is None  # a dialog closes itself
 
     # ------------------------------------------------------------------------------------------- pages and keys
 
@@ -229,8 +239,11 @@ class MainWindow(QWidget):
     def show_page(self, name: str, what: object = None) -> None:
         """Bring a page to the front, with what it is to show."""
         page = self.page(name)
-        if name != self.shown and self.shown:
-            self.pages[self.shown].end()
+        if name != self.shown:
+            close_popups()
+            if self.shown:
+                self.pages[self.shown].end()
+                page.setFocus()  # not what had the keyboard on the other page
         self.shown = name
         for other, tab in self.tabs.items():
             tab.setChecked(other == name)
@@ -329,9 +342,9 @@ class MainWindow(QWidget):
             self.send(m.AllowBrakes())
 
     def _to_close(self) -> Callable[[], object] | None:
-        """What Esc does before it is brakes off: close what is asked; else, unless a trial runs, what a page has open,
-        or leave a text field.
-        """
+        """What Esc closes: a menu, what is asked; else, unless a trial runs, what a page has open, or a text field."""
+        if QApplication.activePopupWidget() is not None:
+            return close_popups
         running, typing = self.snapshot.stage == m.RUNNING, self.focusWidget()
         close = self.cards.to_close()
         if close is None and (self.shown == RUN or not running):
@@ -341,14 +354,17 @@ class MainWindow(QWidget):
         return close
 
     def _escape_is_brakes_off(self) -> bool:
+        """While a trial runs always; else where a session is open and nothing is to be closed first."""
         off = self.snapshot.brakes_off or self.snapshot.stage in (m.PREPARING, m.NO_SESSION)
-        return not off and self._to_close() is None
+        return not off and (self.snapshot.stage == m.RUNNING or self._to_close() is None)
 
-    def escape(self, cause: str) -> None:
-        """One thing: close what is open, else brakes off, where a session is open."""
+    def press_escape(self) -> None:
+        """Esc, in whichever window, dialog, menu or field: brakes off, and close what is open."""
+        where = "on the participant's screen" if self.participant.isActiveWindow() else "in the main window"
+        close = self._to_close()
         if self._escape_is_brakes_off():
-            self.client.brakes_off(cause)
-        elif (close := self._to_close()) is not None:
+            self.client.brakes_off(f"Esc was pressed {where}")
+        if close is not None:
             close()
 
     def show_time(self, now_s: float) -> None:
@@ -460,3 +476,9 @@ class MainWindow(QWidget):
     def close_anyway(self) -> None:
         self._closing = True
         self.close()
+
+
+def close_popups() -> None:
+    """Close every menu and list that is open, the one on top first."""
+    while (popup := QApplication.activePopupWidget()) is not None:
+        popup.close()

@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 
-from PySide6.QtCore import QEventLoop, QTimer
+from PySide6.QtCore import QEventLoop, Qt, QTimer
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QMessageBox, QProgressBar, QProgressDialog
 
@@ -29,6 +29,8 @@ def make_ready() -> QApplication:
     memory.begin()
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
+    # Esc takes the brakes off in a dialog of files, too: the system's own would keep the key to itself
+    application.setAttribute(Qt.ApplicationAttribute.AA_DontUseNativeDialogs)
     return application
 
 

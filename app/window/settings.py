@@ -29,8 +29,8 @@ from app.window.widgets.words import GAIN, from_home
 from experiments.plan import grouped
 from experiments.protocol import Protocol
 
-NAME_PX = 240  # wide, at most, of a name in one line, at a text size of 1
-WIDE_PX = 640  # wide, a card at a text size of 1
+NAME_PX = 240  # wide, at most, of a name in one line
+WIDE_PX = 640  # wide, a card
 CITATION = (
     "M. R. Reed and W. J. Book, “Modeling and control of an improved dissipative passive haptic display”, Proc. IEEE "
     "Int. Conf. on Robotics and Automation (ICRA), 2004, vol. 1, pp. 311-318 (as far as known)."
@@ -58,7 +58,7 @@ class SettingsCard(OverlayCard):
         super().__init__("Settings", memory.why_forgotten(), [("Close  Enter", leave)], parent)
         self._changed = changed
         self.theme = Segments({"dark": "Dark", "light": "Light"}, "Theme")
-        self.text_size = Segments({size: f"{100 * size:.0f} %" for size in theme.TEXT_SIZES}, "Text")
+        self.scale = Segments({size: f"{100 * float(size):.0f} %" for size in memory.SIZES}, "Size")
         self.sound = Segments({memory.ON: "On", memory.OFF: "Off"}, "Sound")
         self.participant_screen = Choice()
         screens = {screen.name(): screen_words(screen) for screen in QGuiApplication.screens()}
@@ -66,25 +66,21 @@ class SettingsCard(OverlayCard):
         choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
         self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
         self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
-        self.text_size.show_value(theme.text_size())
+        self.scale.show_value(memory.remembered(memory.SIZE))
         self.sound.show_value(memory.remembered(memory.SOUND))
         kept_in = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
         folder = holder(row(kept_in, button("Change …", lambda: changed(memory.DATA_FOLDER), "small")))
         lines = grid_of({
             "Theme": (self.theme, "From the next start on."),
-            "Text": (self.text_size, "Also by Ctrl + and Ctrl -."),
+            "Size": (self.scale, "Of everything, as far as the screen has room; from the next start on."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
             "Data folder": (folder, "From the next start on, unless phd is started with --data-dir."),
         })  # fmt: skip
         self.inside.addLayout(lines)
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))
-        for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound)):
+        for key, field in ((memory.DARK_OR_LIGHT, self.theme), (memory.SOUND, self.sound), (memory.SIZE, self.scale)):
             field.changed.connect(lambda value, key=key: self._choose(key, value))
-        self.text_size.changed.connect(theme.set_text_size)
-
-    def follow_text(self) -> None:
-        self.place()
 
     def _choose(self, key: str, value: str) -> None:
         memory.remember(key, value)
@@ -102,9 +98,9 @@ def grid_of(lines: Mapping[str, tuple[QWidget, str]]) -> QGridLayout:
     beside = grid(14, 8, stretched=1)
     for down, (name, (part, hint)) in enumerate(lines.items()):
         told = text_label(name, bold=True)
-        if told.sizeHint().width() > theme.text_px(NAME_PX):
+        if told.sizeHint().width() > NAME_PX:
             told = wrapped_label(name, bold=True)
-            told.setFixedWidth(theme.text_px(NAME_PX))
+            told.setFixedWidth(NAME_PX)
         told.setMinimumHeight(0 if isinstance(part, QLabel) else part.sizeHint().height())  # level with a field
         beside.addWidget(told, down, 0, Qt.AlignmentFlag.AlignTop)
         hints = [wrapped_label(hint, "caution" if hint == NO_SOUND else "quiet", theme.SMALL)] if hint else []
@@ -131,7 +127,7 @@ class HelpCard(OverlayCard):
             told = grid_of({name: (selectable(text), "") for name, text in lines.items()})
             columns.addLayout(column(*parts, told, 1, spacing=8), 1)
         area = scrolled(holder(columns))
-        needed = columns.heightForWidth(theme.text_px(self.wide_px) - BESIDE_PX)
+        needed = columns.heightForWidth(self.wide_px - BESIDE_PX)
         area.setFixedHeight(min(needed, parent.height() - FOOT_PX))
         self.inside.addWidget(area)
 

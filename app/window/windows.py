@@ -68,7 +68,6 @@ class Windows(QObject):
         main = self.main
         direct = {
             "start": self._start,
-            "escape": lambda: main.escape("Esc was pressed on the participant's screen"),
             "allow brakes": main.allow_brakes,
             "pause": lambda: main.do("pause"),
             "participant": self.show_or_hide_participant,

@@ -1,6 +1,6 @@
 """What stands on the screen is what a canvas that is painted anew would show, whatever has happened to it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ class Anything:
     def step(self) -> str:
         """One of the things that happen; its name."""
         common: list[Do] = [
-            self.resize, self.scale_text, self.hide, self.show, self.show, self.point, self.zoom, self.show_obstacles,
+            self.resize, self.hide, self.show, self.show, self.point, self.zoom, self.show_obstacles,
             self.show_beside, self.view.clear_trail, self.show_trial, self.view.follow_pointer,
         ]  # fmt: skip
         own = self.of_forces() if isinstance(self.view, ForceView) else self.of_participant()
@@ -62,9 +62,6 @@ class Anything:
 
     def resize(self) -> None:
         self.view.resize(*self.any((420, 300), (500, 340), (360, 400)))
-
-    def scale_text(self) -> None:
-        theme.scale_text(self.any(-1, 1))
 
     def hide(self) -> None:
         self.view.setVisible(self.view.isHidden())
@@ -154,23 +151,16 @@ def painted_anew(view: Plane) -> np.ndarray:
     """As if all of it had just come to be: nothing that was painted before is used."""
     view.resize(view.width() + 1, view.height())
     view.resize(view.width() - 1, view.height())
-    view.follow_text()
+    view.fit()
     view.show_handle(view.tip, view.taken, view.force_N)
     for plane in (view, *view.findChildren(Plane)):
         plane.repaint_still()
     return pixels(view.grab().toImage())
 
 
-@pytest.fixture
-def text_size() -> Iterator[None]:
-    before = theme.text_size()
-    yield
-    theme.set_text_size(before)
-
-
 @pytest.mark.parametrize("kind", [LinkageView, PassView, ParticipantView])
 @pytest.mark.parametrize("seed", range(2))
-def test_after_anything_the_screen_shows_what_a_whole_repaint_shows(qtbot, text_size, kind: type, seed: int) -> None:
+def test_after_anything_the_screen_shows_what_a_whole_repaint_shows(qtbot, kind: type, seed: int) -> None:
     view = kind()
     qtbot.addWidget(view)
     view.setMinimumSize(1, 1)

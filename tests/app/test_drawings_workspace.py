@@ -305,17 +305,13 @@ def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(
 def test_where_four_read_outs_have_no_room_they_take_two_lines_and_are_not_smaller(qtbot, monkeypatch) -> None:
     drawn: list[tuple[float, int]] = []
     monkeypatch.setattr(linkage_view, "write_from", lambda painter, at, text, size, *how: drawn.append((at.y(), size)))
-    theme.scale_text(3)
-    try:
-        workspace = shown(qtbot, workspace_of(FOUR), 478, 500)
-        workspace.view.show_trial(FOUR, ALONG, TIP)
-        add(workspace, quiet())
-        drawn.clear()
-        workspace.view.grab()
-        assert {size for _, size in drawn} == {theme.SMALL} and len({y for y, _ in drawn}) == 3
-        assert workspace.view.field.top() >= workspace.view.readout_box.bottom() >= max(drawn)[0]
-    finally:
-        theme.scale_text(-3)
+    workspace = shown(qtbot, workspace_of(FOUR), 330, 500)
+    workspace.view.show_trial(FOUR, ALONG, TIP)
+    add(workspace, quiet())
+    drawn.clear()
+    workspace.view.grab()
+    assert {size for _, size in drawn} == {theme.SMALL} and len({y for y, _ in drawn}) == 3
+    assert workspace.view.field.top() >= workspace.view.readout_box.bottom() >= max(drawn)[0]
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:

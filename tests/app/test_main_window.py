@@ -23,7 +23,7 @@ from fake_client import (
     running,
     ticks,
 )
-from PySide6.QtCore import QEvent, QObject, QSettings, QSize, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QSettings, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
@@ -35,9 +35,8 @@ from app.ipc import messages as m
 from app.window import program
 from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.run.session_cards import REDO
-from app.window.widgets import memory, theme, words
+from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
-from app.window.widgets.plots import Graph
 from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY, Checklist
 from app.window.widgets.work import VerbProcess
 from core import tick_log
@@ -96,17 +95,6 @@ def test_a_long_text_in_the_preflight_row_is_shortened_before_another_loses_its_
     assert screens.main.width() == SMALLEST[0] and faults(screens.main) == []
 
 
-def test_what_changes_its_look_keeps_the_text_size(screens: Screens) -> None:
-    passes = screens.main.page(TRY).table.horizontalHeader().viewport()  # which has the font of its table
-    theme.scale_text(3)
-    screens.hear(opened(), running())
-    screens.hear(running(), pulse(), ready(1, brakes_off="Esc was pressed"))
-    changed = (screens.run.recording, screens.main.preflight.brakes, passes)
-    sizes = [widget.font().pixelSize() for widget in changed]
-    theme.scale_text(-3)
-    assert sizes == [24, 21, 21] and [widget.font().pixelSize() for widget in changed] == [16, 14, 14]
-
-
 @pytest.mark.parametrize("where", ["main", "participant"])
 def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_shown(screens: Screens, where) -> None:
     screens.hear(opened(), running())
@@ -131,18 +119,18 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
         QTest.keyClick(main.focusWidget(), KEY.Key_Tab)
     assert main.focusWidget().text() == "100 %", "Tab stops at what is chosen"
     QTest.keyClick(main.focusWidget(), KEY.Key_Right)
-    assert kept == {memory.TEXT_SIZE: "1.15"} and main.focusWidget().text() == "115 %"
+    assert kept == {memory.SIZE: "1.15"} and main.focusWidget().text() == "115 %"
     QTest.mouseClick(main.settings, Qt.MouseButton.LeftButton)
     card = main.cards.question
     for field, value in (
         (card.theme, "light"),
         (card.sound, memory.OFF),
-        (card.text_size, 1.15),
-        (card.text_size, 1.0),
+        (card.scale, "1.15"),
+        (card.scale, "1.0"),
     ):
         field.show_value(value)
         field.changed.emit(value)
-    assert kept == {memory.DARK_OR_LIGHT: "light", memory.SOUND: memory.OFF, memory.TEXT_SIZE: "1.0"}
+    assert kept == {memory.DARK_OR_LIGHT: "light", memory.SOUND: memory.OFF, memory.SIZE: "1.0"}
     for entry, says in zip(
         main.help.menu().actions(), ("start the next trial", "one brake at a time", "session.json", "Reed"), strict=True
     ):
@@ -166,16 +154,17 @@ def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(scree
     assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
-def test_escape_closes_what_is_open_first_and_the_red_button_names_it_only_when_it_is_brakes_off(screens) -> None:
+def test_between_trials_escape_first_closes_what_is_open_and_the_red_button_names_it_when_it_acts(screens) -> None:
     def red(*messages: object) -> str:
         return screens.hear(*messages).preflight.brakes.text()
 
     assert red(opened(), running()) == OFF_BY_KEY
     wide = screens.main.preflight.brakes.width()
     screens.press(KEY.Key_A, modifier=ALT)
-    assert red() == OFF
+    assert red() == OFF_BY_KEY
     screens.press(KEY.Key_Escape, screens.run.cards.question.own)
-    assert screens.client.off_causes == [] and screens.run.cards.question is None
+    assert len(screens.client.off_causes) == 1 and screens.run.cards.question is None
+    screens.client.off_causes.clear()
     assert red() == red(ready(3)) == OFF_BY_KEY
     screens.press(KEY.Key_N, modifier=ALT)
     assert red() == OFF
@@ -459,28 +448,6 @@ def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_k
     assert words.server_died(said_so) == "It failed."
 
 
-def test_larger_text_is_larger_on_every_page_and_can_be_taken_back(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    for name in console.tabs:
-        console.show_page(name)
-
-    def ticks_px() -> int:
-        """Of the text along the axes, the same in every plot."""
-        plots = [graph.getPlotItem() for graph in console.findChildren(Graph)]
-        axes = [plot.getAxis(side) for plot in plots for side in ("left", "bottom")]
-        (size,) = {axis.style["tickFont"].pixelSize() for axis in axes}
-        return size
-
-    sizes, ticks_before = [page.font().pixelSize() for page in console.pages.values()], ticks_px()
-    screens.press(KEY.Key_Plus, modifier=CTRL)
-    try:
-        assert all(page.font().pixelSize() > size for page, size in zip(console.pages.values(), sizes, strict=True))
-        assert ticks_px() > ticks_before
-    finally:
-        screens.press(KEY.Key_Minus, modifier=CTRL)
-    assert [page.font().pixelSize() for page in console.pages.values()] == sizes and ticks_px() == ticks_before
-
-
 def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
     console = screens.hear(opened(), running())
     assert not console.close() and console.isVisible() and not screens.client.stopped
@@ -543,7 +510,7 @@ def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(sc
     editor.text.appendPlainText("# mine")
     assert not console.close() and not screens.client.stopped
     assert "lost then: what was changed in the editor (Displays protocol, a copy)." in " ".join(visible_texts(console))
-    console.escape("")
+    console.press_escape()
     editor.undo()
     assert console.close() and screens.client.stopped
 
@@ -571,7 +538,7 @@ def test_answers_and_a_note_that_are_not_sent_are_on_both_screens_and_asked_abou
     assert not console.close() and not screens.client.stopped
     asked = " ".join(visible_texts(console))
     assert "lost then: the questionnaire that is answered in part and the note." in asked
-    console.escape("")
+    console.press_escape()
     screens.run.panel.note.clear()
     screens.hear(ready(10))
     assert set(theirs.values.values()) == set(here.values.values()) == {None} and console.close()
@@ -705,16 +672,6 @@ def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
     said = screens.main.cards.question.text.text().replace("\u200b", "")
     assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
     assert QApplication.clipboard().text() == str(tmp_path)
-
-
-def test_with_the_largest_text_the_window_and_its_frame_fit_on_the_screen(screens: Screens) -> None:
-    try:
-        theme.scale_text(3)
-        room = screens.main.screen().availableSize() - QSize(*theme.FRAME)
-        least = screens.main.minimumSize()
-        assert least.width() <= room.width() and least.height() <= room.height()
-    finally:
-        theme.scale_text(-3)
 
 
 def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> None:

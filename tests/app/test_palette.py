@@ -87,3 +87,17 @@ def test_on_a_screen_with_little_room_all_is_drawn_smaller(monkeypatch, tmp_path
     after = float(os.environ["QT_SCALE_FACTOR"])
     assert (after < float(scale)) == shrinks
     assert width / after >= LEAST_ROOM[0] - 1 and height / after >= LEAST_ROOM[1] - 1
+
+
+@pytest.mark.parametrize(
+    ("screen", "wanted", "got"), [((1920, 1080), 1.5, 1.5), ((1280, 720), 1.5, 1.143), ((1920, 1080), 0.9, 0.9)]
+)
+def test_the_size_of_the_settings_is_that_of_everything_as_far_as_there_is_room(
+    monkeypatch, tmp_path, screen, wanted, got
+) -> None:
+    layout = {"name": "one", "x": 0, "y": 0, "width": screen[0], "height": screen[1], "logicalDpi": 96, "dpr": 1}
+    (tmp_path / "screens.json").write_text(json.dumps({"screens": [{**layout, "logicalBaseDpi": 96}]}))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen:configfile=screens.json")
+    ScreenCheck("draw on").check(wanted)
+    assert float(os.environ["QT_SCALE_FACTOR"]) == pytest.approx(got, abs=1e-3)

@@ -205,17 +205,6 @@ def test_a_line_without_room_loses_its_end_and_never_the_first_digits_of_a_numbe
     assert not ink(seen, range(begins - 1)) and ink(seen, range(begins, 300))
 
 
-def test_a_line_is_written_at_every_text_size(qtbot) -> None:
-    for size in theme.TEXT_SIZES:
-        theme.set_text_size(size)
-        try:
-            figures = shown(qtbot, Figures(theme.SMALL), 300, 20)
-            figures.show_parts(("1064", COLOURS.text))
-            assert ink(figures.grab().toImage(), range(40)), size
-        finally:
-            theme.set_text_size(1.0)
-
-
 def ink(image: QImage, columns: range) -> bool:
     """Whether something is written in these columns of a picture."""
     return len({image.pixel(x, y) for x in columns for y in range(image.height())}) > 1

@@ -18,7 +18,6 @@ from app.window.participant import participant_window
 from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
 from app.window.run.run_page import INSTRUCTED
-from app.window.widgets import theme
 from core import tick_log
 from experiments.inputs import MOUSE, OPERATOR
 from experiments.language import ENGLISH_WORDS, language_text, shipped_languages
@@ -146,7 +145,7 @@ def test_who_stays_after_closing_the_participants_view_is_asked_the_questions_in
     screens.participant.questions.scales["effort"].set(50)
     assert not screens.run.questions.isVisible()
     screens.participant.close()
-    screens.main.escape("")
+    screens.main.press_escape()
     assert screens.run.questions.isVisible() and screens.run.questions.values["effort"] == 50
 
 
@@ -178,31 +177,26 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
 
 
 @pytest.mark.parametrize("language", shipped_languages())
-@pytest.mark.parametrize("text_size", [0.9, 1.5])
-def test_no_text_is_cut_or_covered_and_what_is_to_be_read_grows_with_the_screen(screens, language, text_size) -> None:
+def test_no_text_is_cut_or_covered_and_what_is_to_be_read_grows_with_the_screen(screens, language) -> None:
     def of(**keys) -> m.Opened:
         return opened(protocol=paper(language_text=language_text(language, Path()), **keys), folder=str(keys))
 
     long = (Instruction(text="Follow the line as exactly as you can, at a speed of your own. " * 8), Instruction("2"))
     cues, window = Cues(too_fast_s=3.0, too_slow_s=6.0), screens.participant
-    theme.set_text_size(text_size)
-    try:
-        for said, read in (
-            ((of(), ready(22, stage=m.BREAK, card=LONG_BREAK)), None),
-            ((of(feedback="error", cues=cues), running(2), ready(3)), None),
-            ((of(instruction=long), ready(0)), window.instructions.text),
-            ((of(), ready(10, stage=m.QUESTIONS)), window.questions.done),
-        ):
-            screens.hear(*said)
-            sizes = []
-            for width, height in ((640, 480), (960, 540), (1280, 720), (1920, 1080)):
-                window.resize(width, height)
-                settle(window)
-                assert faults(window) == [], (width, height)
-                sizes.append(read.font().pixelSize() if read else len(sizes))
-            assert sizes == sorted(sizes) and sizes[-1] > 1.4 * sizes[1]
-    finally:
-        theme.set_text_size(1.0)
+    for said, read in (
+        ((of(), ready(22, stage=m.BREAK, card=LONG_BREAK)), None),
+        ((of(feedback="error", cues=cues), running(2), ready(3)), None),
+        ((of(instruction=long), ready(0)), window.instructions.text),
+        ((of(), ready(10, stage=m.QUESTIONS)), window.questions.done),
+    ):
+        screens.hear(*said)
+        sizes = []
+        for width, height in ((640, 480), (960, 540), (1280, 720), (1920, 1080)):
+            window.resize(width, height)
+            settle(window)
+            assert faults(window) == [], (width, height)
+            sizes.append(read.font().pixelSize() if read else len(sizes))
+        assert sizes == sorted(sizes) and sizes[-1] > 1.4 * sizes[1]
 
 
 def test_the_start_ring_has_the_radius_that_counts_and_the_dot_fits_into_it(screens: Screens) -> None:

@@ -73,33 +73,26 @@ def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
-@pytest.mark.parametrize("larger", [0, 3])
-def test_what_is_wrong_takes_the_room_of_the_footer_and_says_what_stood_there(screens: Screens, size, larger) -> None:
+def test_what_is_wrong_takes_the_room_of_the_footer_and_says_what_stood_there(screens: Screens, size) -> None:
     folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
     console, banner = screens.main, screens.main.preflight.banner
-    theme.scale_text(larger)
-    try:
-        console.resize(*size)
-        screens.hear(opened(), ready(3), pulse())
+    console.resize(*size)
+    screens.hear(opened(), ready(3), pulse())
+    settle(console)
+    before, footer = (
+        [widget.geometry() for widget in (console._stack, screens.run.workspace)],
+        console.footer.width(),
+    )
+    many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
+    for snapshot in (ready(3, checks=many), ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True)):
+        screens.hear(snapshot)
         settle(console)
-        before, footer = (
-            [widget.geometry() for widget in (console._stack, screens.run.workspace)],
-            console.footer.width(),
-        )
-        many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
-        for snapshot in (ready(3, checks=many), ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True)):
-            screens.hear(snapshot)
-            settle(console)
-            assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
-            assert banner.width() == footer and banner.isVisible()
-            assert "Data data/sub-01/ses-01" in banner.foot.text() and "Recording run" in banner.foot.text()
-            lines = banner.words.fontMetrics().boundingRect(
-                banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text()
-            )
-            assert lines.height() <= banner.words.height(), "both lines are seen whole"
-        assert before == [widget.geometry() for widget in (console._stack, screens.run.workspace)], "nothing moves"
-    finally:
-        theme.scale_text(-larger)
+        assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
+        assert banner.width() == footer and banner.isVisible()
+        assert "Data data/sub-01/ses-01" in banner.foot.text() and "Recording run" in banner.foot.text()
+        lines = banner.words.fontMetrics().boundingRect(banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text())
+        assert lines.height() <= banner.words.height(), "both lines are seen whole"
+    assert before == [widget.geometry() for widget in (console._stack, screens.run.workspace)], "nothing moves"
 
 
 def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Screens) -> None:
@@ -127,16 +120,6 @@ def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
         assert len(cells) == len(PLAN) and all(grid.rect().contains(cell) for cell in cells)
         assert min(cell.height() for cell in cells) > 8.0
         assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
-
-
-def test_the_plan_has_the_room_of_larger_text_at_once(screens: Screens) -> None:
-    screens.main.resize(1920, 1080)
-    screens.hear(opened(), ready(12))
-    theme.scale_text(2)
-    settle(screens.main)
-    scrolls = screens.run.panel.scroll_area.verticalScrollBar().isVisible()
-    theme.scale_text(-2)
-    assert not scrolls
 
 
 def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:

@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +37,6 @@ from app.session_server.preflight import check_device
 from app.window.analyse import analyse_page
 from app.window.home.home_page import BOARD
 from app.window.main_window import SMALLEST
-from app.window.widgets import theme
 from app.window.widgets.page import ANALYSE, HOME, TRY
 from core.faults import cause
 from experiments.analysis.trials_table import as_rows, as_table
@@ -46,7 +45,7 @@ from experiments.session.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 #: the smallest and a large one, by the steps of the text size
-SIZES = {0: (SMALLEST, (1920, 1080)), 3: ((1280, 720), (1920, 1080))}
+SIZES = SMALLEST, (1280, 720), (1920, 1080)
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
@@ -212,17 +211,9 @@ STATES: dict[str, Callable[[Screens], None]] = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=SIZES)
-def text(request) -> Iterator[int]:
-    """Steps of the text size."""
-    theme.scale_text(request.param)
-    yield request.param
-    theme.scale_text(-request.param)
-
-
-def found_at_every_size(screens: Screens, text: int) -> dict[tuple[int, int], list[str]]:
+def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
     found = {}
-    for size in SIZES[text]:
+    for size in SIZES:
         screens.main.setMinimumSize(1, 1)  # as on a screen of that size
         screens.main.resize(*size)
         if said := faults(screens.main):
@@ -232,9 +223,9 @@ def found_at_every_size(screens: Screens, text: int) -> dict[tuple[int, int], li
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_in_a_session_and_on_try(screens: Screens, text: int, state: str) -> None:
+def test_in_a_session_and_on_try(screens: Screens, state: str) -> None:
     STATES[state](screens)
-    assert found_at_every_size(screens, text) == {}
+    assert found_at_every_size(screens) == {}
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +237,7 @@ def recorded(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("shown", [*analyse_page.PAGES, "a trial"])
-def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: str) -> None:
+def test_on_analyse(qtbot, screens: Screens, recorded: Path, shown: str) -> None:
     screens.hear(opened(""), before())
     screens.main.show_page(ANALYSE, recorded)
     analyse = screens.main.pages[ANALYSE]
@@ -260,7 +251,7 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, text: int, shown: s
     else:
         analyse.show_page(shown)
     qtbot.waitUntil(lambda: not analyse._concluding.busy, timeout=60_000)
-    assert found_at_every_size(screens, text) == {}
+    assert found_at_every_size(screens) == {}
     analyse.close_trial()
 
 

@@ -18,7 +18,6 @@ from app.window.canvas.force_view import BRAKES, FORCES, HAND
 from app.window.sandbox.dials import DIALS, Dial
 from app.window.sandbox.pass_view import FOOT_PX, GAP
 from app.window.sandbox.try_page import BACK, TryPage
-from app.window.widgets import theme
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
@@ -185,17 +184,6 @@ def test_the_layer_of_the_gap_is_dead_where_there_is_no_gap(held: Held) -> None:
     for gap_m in (0.0, 0.005):
         held.page.show_snapshot(tried(INITIAL.with_parameters(gap_m=gap_m)))
         assert held.page.workspace.buttons[GAP].isEnabled() == (gap_m > 0.0)
-
-
-def test_what_to_do_is_written_in_full_size_at_every_text_size(held: Held) -> None:
-    held.resize(1342, 637)
-    for size in theme.TEXT_SIZES:
-        theme.set_text_size(size)
-        try:
-            settle(held.page)
-            assert held.page.large.width() >= theme.text_width("Move to the start", theme.LARGE, bold=True), size
-        finally:
-            theme.set_text_size(1.0)
 
 
 def test_the_controllers_of_the_paper_have_their_passes_in_sight_in_a_small_window(held: Held) -> None:

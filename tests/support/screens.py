@@ -49,7 +49,10 @@ class Screens:
         top = (window or self.main).window()
         top.activateWindow()
         QTest.qWaitForWindowActive(top)
-        QTest.keyClick(window or self.main, key, modifier)
+        if key == Qt.Key.Key_Escape:  # the window hears it before what has the keyboard in it
+            QTest.keyClick(top.windowHandle(), key, modifier)
+        else:
+            QTest.keyClick(window or self.main, key, modifier)
         return self.client.sent[before:]
 
     def begin_anew(self) -> None:

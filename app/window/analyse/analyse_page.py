@@ -321,8 +321,8 @@ class AnalysePage(Page):
 
     def _make_room(self) -> None:
         """The trial beside the charts, or in their place where there is no room for both."""
-        narrow = self.width() < theme.text_px(ROOM_PX)
-        least, most = map(theme.text_px, SIDE_PX)
+        narrow = self.width() < ROOM_PX
+        least, most = SIDE_PX
         width = self.width() if narrow else int(min(max(SIDE_SHARE * self.width(), least), most))
         self.side.setMinimumWidth(min(width, least))
         self.side.setMaximumWidth(width)

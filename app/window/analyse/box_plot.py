@@ -49,7 +49,7 @@ class ChartPlot(Plot):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
         for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
-            changed.connect(self.follow_text)
+            changed.connect(self.name_ticks)
         self.item.showGrid(y=True, alpha=0.6)
         self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
@@ -72,15 +72,15 @@ class ChartPlot(Plot):
         left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
         bottom.setLabel(chart.x_title or None)
         bottom.showLabel(bool(chart.x_title))
-        self.follow_text()
+        self.name_ticks()
         self.show_all()
         self.show_ring(self._ringed)
 
-    def follow_text(self, *_: object) -> None:
+    def name_ticks(self, *_: object) -> None:
         """The names along the axis, as far as they do not lie on another or reach over the edge, and room for them."""
         axis, ends = self.item.getAxis("bottom"), dict[int, float]()  # of each line of the names so far, px
         (begin, end), named = self.item.viewRange()[0], []
-        edge = self.item.vb.width() + 0.5 * theme.text_px(theme.SMALL)
+        edge = self.item.vb.width() + 0.5 * theme.SMALL
         ticks = [(x, SHORT.get(text, text)) for x, text in self.chart.ticks]
         for x, text in ticks:
             middle = (x - begin) / (end - begin) * self.item.vb.width()
@@ -90,7 +90,7 @@ class ChartPlot(Plot):
                 named.append((x, text))
         lines = max((text.count("\n") + 1 for _, text in ticks), default=1)
         high = lines * (theme.SMALL + 5) + theme.SMALL * bool(self.chart.x_title)
-        axis.setHeight(6 + theme.text_px(high))  # pyqtgraph's own changes as it is painted
+        axis.setHeight(6 + high)  # pyqtgraph's own changes as it is painted
         axis.resizeEvent()  # else a new title stands where the one before began
         axis.setTicks([named] if named else None)
 

@@ -73,13 +73,10 @@ class CurrentTrace(TrialTrace):
         bands = [theme.shade(theme.JOINT[joint], BAND) for joint in JOINTS]
         super().__init__("Currents", "A", bands, 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
-        self.follow_text()
+        self.graph.setMinimumHeight(58)  # with the axis of time
         self.means = [self.add_curve(pg.mkPen(theme.JOINT[joint], width=1), per_px=0.5) for joint in JOINTS]
         for mean in self.means:
             mean.setDownsampling(method="mean")  # now that it is added: a plot gives what is added its own method
-
-    def follow_text(self) -> None:
-        self.graph.setMinimumHeight(theme.text_px(58))  # with the axis of time
 
     def show_value(self, at: int) -> None:
         if self.hidden:

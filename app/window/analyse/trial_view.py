@@ -38,7 +38,7 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
 WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
-LOW_PX = 492  # a lower side of the page, at a text size of 1, has the curves alone
+LOW_PX = 492  # a lower side of the page, has the curves alone
 AROUND_M = 0.03  # what is seen around the path
 LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
@@ -132,7 +132,7 @@ class TrialView(Panel):
 
     def _share_room(self) -> None:
         """Workspace and curves beside each other, one above the other, or the curves alone."""
-        roomy = self._whole or self.height() > theme.text_px(LOW_PX)
+        roomy = self._whole or self.height() > LOW_PX
         self.workspace.setVisible(self.trial is not None and roomy)
         wide = self.width() > WIDE_PX
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)

@@ -51,10 +51,7 @@ class Differences(QWidget):
     def __init__(self, evidence: Sequence[Evidence], colour: str) -> None:
         super().__init__()
         self.evidence, self._colour = evidence, colour
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        wide, high = map(theme.text_px, DIFFERENCE_PX)
+        wide, high = DIFFERENCE_PX
         self.setFixedSize(QSize(wide, max(len(self.evidence), 1) * high))
 
     def _x(self, share: float) -> float:
@@ -134,7 +131,7 @@ def _findings(found: Sequence[Finding]) -> tuple[Part, ...]:
         down, (mark, colour) = lines.rowCount(), VERDICT[finding.verdict]
         verdict = wrapped_label(f"{mark} {finding.verdict}", bold=True)
         verdict.setStyleSheet(f"color: {colour}")
-        verdict.setFixedWidth(theme.text_px(VERDICT_PX))
+        verdict.setFixedWidth(VERDICT_PX)
         decisive = [piece for piece in finding.evidence if piece.found and piece.judged in finding.sentence]
         shown = verdict, _text(finding.statement.text), Differences(decisive, colour), _text(finding.sentence, "quiet")
         lines.addWidget(Panel("line"), down, 0, 1, len(HEADS))

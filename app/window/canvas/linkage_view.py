@@ -13,7 +13,7 @@ from app.window.canvas.path_marks import AT_DESK
 from app.window.canvas.plane import SCALE_PX
 from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, font, pen, shade, text_px, text_width, write_from
+from app.window.widgets.theme import COLOURS, font, pen, shade, text_width, write_from
 from core import tick_log
 from core.device import Device
 from core.path import Path, PathFile, build_path
@@ -22,10 +22,10 @@ FIELD, DIRECTIONS, REACHABLE = "field", "directions", "force"
 WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-#: The read-outs: from the top, from line to line, and from one to the next at a text size of 1.
+#: The read-outs: from the top, from line to line, and from one to the next.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
 MOST_BRAKES = 4  # of a device: their read-outs have room on one line, or on two
-FOOT_PX = 20.0  # high, of the line below, at a text size of 1
+FOOT_PX = 20.0  # high, of the line below
 WIDEST_READOUT = "A slips 88.8 N m "
 READOUT_HEADS = ("Force", "Brakes", "")  # of the lines
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
@@ -58,8 +58,8 @@ class LinkageView(ForceView):
     def fit(self) -> None:
         """The plane keeps clear of its scale and of the lines above and below it, which may be more or fewer now."""
         if self._worded_view:
-            top, foot = self.readout_box.bottom(), text_px(FOOT_PX)
-            self._keep_free = QMarginsF(text_px(SCALE_PX + 6.0), top, 44.0, foot)
+            top, foot = self.readout_box.bottom(), FOOT_PX
+            self._keep_free = QMarginsF(SCALE_PX + 6.0, top, 44.0, foot)
         super().fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
@@ -149,7 +149,7 @@ class LinkageView(ForceView):
     def paint_over_handle(self, painter: QPainter) -> None:
         if self._worded_view and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
             self._paint_readouts(painter, self.instant.device.labels)
-        x, high = 16.0, text_px(26)
+        x, high = 16.0, 26
         for text, size, bold, colour in (
             (self.title, theme.HEAD, True, COLOURS.text),
             (self.line, theme.NORMAL, False, COLOURS.quiet),
@@ -189,15 +189,15 @@ class LinkageView(ForceView):
     def readout_box(self) -> QRectF:
         """The lines above the path, px: one for the forces, one or two for the brakes."""
         lines = 1 + MOST_BRAKES // self._brakes_a_line
-        return QRectF(8.0, text_px(READOUT_TOP_PX), self.width() - 16.0, lines * text_px(READOUT_STEP_PX))
+        return QRectF(8.0, READOUT_TOP_PX, self.width() - 16.0, lines * READOUT_STEP_PX)
 
     def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
         box, most = self.readout_box, self._brakes_a_line
         forces, brakes = self.readouts(labels)
         for down, line in enumerate((forces, brakes[:most], brakes[most:])):
-            apart = min((box.width() - 16.0 - self._head_px) / max(len(line), 1), text_px(READOUT_PX))
+            apart = min((box.width() - 16.0 - self._head_px) / max(len(line), 1), READOUT_PX)
             size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
-            left = box.topLeft() + QPointF(8.0, (down + 0.5) * text_px(READOUT_STEP_PX))
+            left = box.topLeft() + QPointF(8.0, (down + 0.5) * READOUT_STEP_PX)
             write_from(painter, left, READOUT_HEADS[down] if line else "", theme.SMALL, False, COLOURS.quiet)
             for across, (name, text, colour) in enumerate(line):
                 at = left + QPointF(self._head_px + across * apart, 0.0)

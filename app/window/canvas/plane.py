@@ -29,7 +29,7 @@ from app.window.canvas import path_marks
 from app.window.canvas.layers import SPACING_M, Point
 from app.window.canvas.path_marks import AT_DESK, Sizes, polygon
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, font, pen, shade, text_px
+from app.window.widgets.theme import COLOURS, font, pen, shade
 from core.obstacles import ObstacleFile
 from core.path import PathFile, Segment, outline
 
@@ -38,7 +38,7 @@ EDGE_PX = 4.0  # around the middle of a line or the radius of a disc: what it co
 #: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
-SCALE_PX = 58.0  # wide, of the names of the lines, at a text size of 1
+SCALE_PX = 58.0  # wide, of the names of the lines
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -105,9 +105,6 @@ class Plane(QWidget):
     def set_extent(self, extent: QRectF) -> None:
         """What must be seen, m."""
         self._extent = extent
-        self.fit()
-
-    def follow_text(self) -> None:
         self.fit()
 
     def show_path(self, path: PathFile | None) -> None:
@@ -197,7 +194,7 @@ class Plane(QWidget):
     @property
     def field(self) -> QRectF:
         """The part (px) beside the names of the lines, and between what stands at top and bottom in words."""
-        left, free = text_px(SCALE_PX) if self._grid else 0.0, self._keep_free
+        left, free = SCALE_PX if self._grid else 0.0, self._keep_free
         return QRectF(self.rect()).adjusted(left, free.top(), -14.0, -free.bottom())
 
     def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
@@ -320,7 +317,7 @@ class Plane(QWidget):
 
     def _paint_grid(self, painter: QPainter) -> None:
         """Lines every 10 cm; those across are named, as far as their names have room."""
-        field, half = self.field, 0.5 * text_px(20)
+        field, half = self.field, 10.0
         left, right, top, bottom = field.left(), field.right(), field.top() + 5.0, field.bottom()
         painter.setFont(font(theme.SMALL))
         for i in range(-20, 21):

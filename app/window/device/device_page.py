@@ -82,18 +82,14 @@ class DevicePage(Page):
         self._lines = holder(lines)
         state = Panel()
         state.setLayout(column(self.title, (scrolled(self._lines), 1), self.why, spacing=8, margins=PANEL_MARGINS))
-        self.follow_text()
+        self._lines.setMaximumSize(*LINES_PX)  # in a large window the rows and their buttons stay together
+        self.view.setMinimumHeight(VIEW_PX)
         seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
         panels = [(panel(title, self._grid_of(names), 1), share) for title, (names, share) in figures.GROUPS.items()]
         top = row((state, 5), (seen, 4), spacing=theme.GAP)
         self._figures = scrolled(holder(row(*panels, spacing=theme.GAP)))
         self.bench = holder(column((top, 1), self._figures, spacing=theme.GAP))
         self.setLayout(column(self.no_figures, (self.bench, 1)))
-
-    def follow_text(self) -> None:
-        """In a large window the rows and their buttons stay together."""
-        self._lines.setMaximumSize(theme.text_px(LINES_PX[0]), theme.text_px(LINES_PX[1]))
-        self.view.setMinimumHeight(theme.text_px(VIEW_PX))
 
     def _grid_of(self, names: tuple[str, ...]) -> QGridLayout:
         lines = grid(8, 4, stretched=1)

@@ -166,7 +166,7 @@ class DataPanel(Panel):
             main.setToolTip(self._why)
         if session.participant == self._opening:
             show_wait(main, "Opening …")
-        main.setMinimumWidth(theme.text_px(90))  # alike, and so are the bars
+        main.setMinimumWidth(90)  # alike, and so are the bars
         bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
         theme.set_style(bar, "done" if session.complete else "")
         bar.setFixedHeight(6)

@@ -163,18 +163,11 @@ class HomePage(Page):
         self.start.setMinimumHeight(54)
         for part in (self.tried, self.session, self.data):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self._shares = row(self.tried, self.session, self.data, spacing=theme.GAP)
-        self.columns = holder(self._shares)
+        self.session.setMaximumWidth(SESSION_PX)
+        self.columns = holder(row((self.tried, 8), (self.session, 12), (self.data, 9), spacing=theme.GAP))
         self.asking = holder(column((self.consent, 1), row(1, button("Back  Esc", self._show_columns), 1)))
         self.stack = stack(self.columns, self.editor, self.asking)
         self.setLayout(column(self.stack))
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        """The form is the first to need more room for a larger text."""
-        self.session.setMaximumWidth(theme.text_px(SESSION_PX))
-        for place, share in enumerate((5, 15, 10) if theme.text_px(100) > 115 else (8, 12, 9)):
-            self._shares.setStretch(place, share)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 

@@ -30,14 +30,15 @@ class ProtocolText(QPlainTextEdit):
         return self.fontMetrics().horizontalAdvance("9" * max(3, len(str(self.blockCount())))) + 2 * MARGIN_PX
 
     def paint_numbers(self, painter: QPainter, within: QRect) -> None:
-        """The numbers of the lines that are seen."""
+        """The numbers of the lines that are seen whole."""
         painter.setPen(theme.shade(COLOURS.quiet))
         painter.setFont(self.font())
         block = self.firstVisibleBlock()
         place = self.blockBoundingGeometry(block).translated(self.contentOffset())
-        while block.isValid() and place.top() <= within.bottom():
+        while block.isValid() and place.top() <= within.bottom() and place.bottom() <= self._numbers.height():
             line = QRect(0, round(place.top()), self.numbers_px() - MARGIN_PX, self.fontMetrics().lineSpacing())
-            painter.drawText(line, Qt.AlignmentFlag.AlignRight, str(block.blockNumber() + 1))
+            if line.top() >= 0:
+                painter.drawText(line, Qt.AlignmentFlag.AlignRight, str(block.blockNumber() + 1))
             block = block.next()
             place.moveTop(place.bottom())
             place.setHeight(self.blockBoundingRect(block).height())

@@ -23,7 +23,6 @@ from core.path import outline
 from experiments.protocol import Protocol
 
 PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
-LARGE = 115  # %, text so large that the picture needs the room
 
 
 class TryPanel(Panel):
@@ -33,18 +32,15 @@ class TryPanel(Panel):
         super().__init__()
         about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
         self._picture, self._guides = SmallView(PICTURE), column(spacing=8)
-        self._list = holder(self._guides)
         self.try_it = button("Try it", lambda: page.page_asked.emit(TRY, None), "main")
         self.try_it.setFont(theme.font(theme.HEAD, bold=True))
         self.try_it.setMinimumHeight(72)
         title, picture = text_label("Try it", size=theme.HEAD, bold=True), holder(column(self._picture))
         self.setLayout(
-            column(title, about, (picture, 3), (self._list, 1), self.try_it, spacing=12, margins=PANEL_MARGINS)
+            column(
+                title, about, (picture, 3), (holder(self._guides), 1), self.try_it, spacing=12, margins=PANEL_MARGINS
+            )
         )
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        self._list.setVisible(theme.text_px(100) <= LARGE)
 
     def show_protocol(self, protocol: Protocol) -> None:
         device, path = protocol.devices[0], next(iter(protocol.paths.values()))

@@ -57,8 +57,6 @@ class ConsentPage(QWidget):
         needed = self.text.heightForWidth(self.area.viewport().width())
         self.area.setFixedHeight(max(min(needed, round((1.0 - AROUND_SHARE) * height)), 1))
 
-    follow_text = _fit
-
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self.area.verticalScrollBar().setValue(0)

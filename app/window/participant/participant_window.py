@@ -101,17 +101,16 @@ class ParticipantView(Plane):
             self._paint_text(painter)
 
     def _paint_text(self, painter: QPainter) -> None:
-        """The large line takes the room that there is, at every text size; the small one is larger where text is."""
-        height, text_size = self.height(), theme.text_size()
+        height = self.height()
         centre = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignVCenter
         top = (TEXT_TOP if len(self.outline) else TEXT_ALONE) * height
         left, width = (0.5 * self.width() * (self.side > 0), 0.46 * self.width()) if self.side else (0.0, self.width())
         small = list(filter(None, self.shown.small.rpartition(PART)[::2]))  # feedback, and what comes next
-        small_share = min(SMALL_SHARE, SMALL_ROOM / (LINE * text_size * max(len(small), 1)))
+        small_share = min(SMALL_SHARE, SMALL_ROOM / (LINE * max(len(small), 1)))
         quiet = ((text, small_share, False, COLOURS.quiet) for text in small)
-        for text, share, bold, colour in ((self.shown.large, LARGE_SHARE / text_size, True, COLOURS.text), *quiet):
+        for text, share, bold, colour in ((self.shown.large, LARGE_SHARE, True, COLOURS.text), *quiet):
             size = round(share * height)
-            line = QRectF(left, top, width, LINE * size * text_size)
+            line = QRectF(left, top, width, LINE * size)
             while size > 1 and theme.text_width(text, size, bold) > width - 2.0 * EDGE_SHARE * height:
                 size -= 1
             painter.setFont(theme.font(size, bold))

@@ -29,7 +29,7 @@ STEPS = 20
 LARGEST = 1.8  # times the size in a small window
 ROOM_PX = (760, 430)  # what the card takes, at the size in a small window and a text size of 1
 QUESTION_PX = 330  # wide, at least, at the same: the longest of the shipped languages
-TEXT_SHARE, PLACE_SHARE = 0.05, 0.032  # of the height, at a text size of 1: instructions, legible from two metres
+TEXT_SHARE, PLACE_SHARE = 0.05, 0.032  # of the height: instructions, legible from two metres
 LEAST_SHARE = 0.02  # of long instructions
 
 
@@ -159,21 +159,17 @@ class Questionnaire(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Larger where there is room: the participant sits further away."""
         super().resizeEvent(event)
-        self.follow_text()
-
-    def follow_text(self) -> None:
         by = min(max(min(self.width() / 1000.0, self.height() / 560.0), 1.0), LARGEST)
-        across, down = map(theme.text_px, ROOM_PX)
-        by = min(by, self.width() / across, self.height() / down)
+        by = min(by, self.width() / ROOM_PX[0], self.height() / ROOM_PX[1])
         for text, size, bold, _ in self._texts:
             text.setFont(theme.font(round(by * size), bold))
-        self._grid.setColumnMinimumWidth(0, theme.text_px(by * QUESTION_PX))
+        self._grid.setColumnMinimumWidth(0, round(by * QUESTION_PX))
         self.done.setMinimumSize(round(by * 160), round(by * 42))
         across, down = round(by * 28), round(by * 20)
         self._grid.setContentsMargins(across, down, across, down)
         self._grid.setHorizontalSpacing(round(by * 16))
         self._grid.setVerticalSpacing(round(by * 12))
-        self._card.setMaximumWidth(theme.text_px(by * 900))
+        self._card.setMaximumWidth(round(by * 900))
 
     def show_feedback(self, feedback: str) -> None:
         """What the protocol gives back of the trial before; "": nothing."""
@@ -270,8 +266,6 @@ class Instructions(QWidget):
             self.text.setFont(theme.font(size))
             if self.text.heightForWidth(room.width()) <= left:
                 break
-
-    follow_text = _show
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

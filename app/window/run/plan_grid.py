@@ -14,7 +14,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.session.files import cell, place
 
-#: px, at a text size of 1: of a row of cells and of the label before it; high, of a cell; between two; wide, of a cell
+#: px: of a row of cells and of the label before it; high, of a cell; between two; wide, of a cell
 ROW_PX, LABEL_PX, HIGH_PX, GAP_PX, NARROWEST_PX, WIDEST_PX = 176, 52, 16, 3, 8, 17
 #: Shown by shape too, not by colour alone.
 MARKS = {
@@ -35,7 +35,6 @@ class PlanGrid(QWidget):
         self._newest: dict[int, TrialRow] = {}  # run of the plan -> newest row of its cell
         self.marked: int | None = None  # run of the plan: next or running
         self.running = False
-        self._sizes: list[tuple[QWidget, int]] = []  # how wide (px, at a text size of 1) labels and cells are
         self._whole = column()
         self.setLayout(self._whole)
 
@@ -58,7 +57,7 @@ class PlanGrid(QWidget):
 
     def _lay_out(self, plan: Sequence[PlannedTrial]) -> None:
         """A cell for each trial; a block with more than fit in a row goes on in the next."""
-        self._plan, self.cells, self._sizes, blocks, head = plan, {}, [], column(spacing=3), ""
+        self._plan, self.cells, blocks, head = plan, {}, column(spacing=3), ""
         for key in dict.fromkeys((trial.configuration, trial.block) for trial in plan):
             if key[0] != head:
                 head = key[0]
@@ -66,22 +65,18 @@ class PlanGrid(QWidget):
             trials = [trial for trial in plan if (trial.configuration, trial.block) == key]
             wide = min(max(ROW_PX // len(trials) - GAP_PX, NARROWEST_PX), WIDEST_PX)
             label = text_label(f"block {key[1]}", "quiet", theme.SMALL)
+            label.setFixedSize(LABEL_PX, HIGH_PX)
             cells, in_line = grid(GAP_PX, GAP_PX, stretched=len(trials)), ROW_PX // (wide + GAP_PX)
             for number, trial in enumerate(trials):
                 self.cells[trial.run] = pressed = QPushButton(focusPolicy=NO_FOCUS)
                 pressed.setFont(theme.font(theme.SMALL, bold=True))
+                pressed.setFixedSize(wide, HIGH_PX)
                 pressed.clicked.connect(lambda _=False, run=trial.run: self.clicked.emit(self._newest[run]))
                 cells.addWidget(pressed, *divmod(number, in_line))
-            self._sizes += [(label, LABEL_PX), *((self.cells[trial.run], wide) for trial in trials)]
             blocks.addLayout(row(label, (cells, 1), spacing=0))
-        self.follow_text()
         clear(self._whole)
         self._whole.addWidget(whole := holder(blocks))
         whole.show()  # at once, for the grid to know its height
-
-    def follow_text(self) -> None:
-        for widget, wide in self._sizes:
-            widget.setFixedSize(theme.text_px(wide), theme.text_px(HIGH_PX))
 
     def _show_cell(self, run: int, hint: str) -> None:
         status, newest, pressed = self.statuses.get(run), self._newest.get(run), self.cells[run]

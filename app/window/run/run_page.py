@@ -111,7 +111,7 @@ class RunPage(Page):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
-        self.traces.show_speed(self.height() > theme.text_px(LOW_PX))
+        self.traces.show_speed(self.height() > LOW_PX)
 
     def _connect(self) -> None:
         for signal, do in (

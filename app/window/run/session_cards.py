@@ -17,6 +17,7 @@ ABORT = Ask(
     "abort", "Abort this trial?", "It runs until you answer. Its recording is kept and marked as aborted.", "Abort",
     ("the participant asked", "the participant was distracted", "a fault of the device"),
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
+    leave="Go on",  # Esc takes the brakes off
 )  # fmt: skip
 REDO = Ask(
     "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",

@@ -78,10 +78,7 @@ class SessionPanel(Panel):
         self._texts = {pressed: pressed.text() for pressed in (*self.asks.values(), self.leave)}
         self.abort.hide()
         self.setEnabled(False)  # until there is a protocol
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        self.setFixedWidth(theme.text_px(WIDTH_PX))
+        self.setFixedWidth(WIDTH_PX)
         self._fit_plan()
 
     def _fit_plan(self) -> None:

@@ -26,7 +26,7 @@ from experiments.session.files import place
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
 NO_FLAGS = "No flags"
-LOW_PX = 440  # a lower card, at a text size of 1, has no curve
+LOW_PX = 440  # a lower card, has no curve
 
 
 class Measure(QWidget):
@@ -47,17 +47,7 @@ class Measure(QWidget):
             OneLine(SHORT.get(metric.title, metric.title), "quiet"), row(self.value, self.unit, 1), spacing=0
         )
         self.setLayout(row((about, 1), (self.graph, 1), spacing=6, margins=(0, 2, 0, 2)))
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        """The points keep their room above a larger text."""
-        self.graph.setFixedHeight(28 + theme.text_px(24))
-        self._show_ends()
-
-    def _show_ends(self) -> None:
-        """A larger text has room for the ends of the axis alone."""
-        ends = [[(value, f"{value:g}") for value in (0.0, self.end)]] if theme.text_px(100) > 115 else None
-        self.graph.getAxis("bottom").setTicks(ends)
+        self.graph.setFixedHeight(52)
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
@@ -77,7 +67,6 @@ class Measure(QWidget):
             highest = max(highest, *values, 0.0)
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
         self.graph.setXRange(0.0, self.end, padding=0.03)
-        self._show_ends()
 
 
 class WholeTrace(TimePlot):
@@ -174,7 +163,7 @@ class TrialCard(Panel):
 
     def _make_room(self) -> None:
         """Hide what a low window or large text has no room for: the curve, then the legend, then the last measures."""
-        self.trace.setVisible(self._has_curve and self.height() > theme.text_px(LOW_PX))
+        self.trace.setVisible(self._has_curve and self.height() > LOW_PX)
         least = (self.legend, *reversed(self.measures))
         for part in least:
             part.show()

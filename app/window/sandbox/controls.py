@@ -89,17 +89,17 @@ class Controls(QScrollArea):
     def __init__(self) -> None:
         super().__init__(widgetResizable=True)
         self.viewport().setObjectName("clear")
+        self.setFixedWidth(RIGHT_PX)
         self.settings: m.SandboxSettings | None = None  # none before the server has sent its own
         self._now: m.SandboxState | None = None  # of the server
         self._controllers: Mapping[int, Preset] = {}
         self.guides: dict[int, GuideButton] = {}
         self.dials: dict[str, DialRow] = {}
         self.segments: dict[str, Field] = {}
-        self._names: list[QWidget] = []
 
     def show_protocol(self, protocol: Protocol) -> None:
         """The controllers, devices and paths of another protocol, and the dials."""
-        self.guides, self.dials, self.segments, self._names, self.settings = {}, {}, {}, [], None
+        self.guides, self.dials, self.segments, self.settings = {}, {}, {}, None
         self._controllers = protocol.controllers
         parts: list[Part] = []  # from top to bottom
         for place, (number, preset) in enumerate(protocol.controllers.items(), start=1):
@@ -121,12 +121,13 @@ class Controls(QScrollArea):
             for one in (name, segments):
                 one.setToolTip(HINTS.get(field, ""))
             parts.append(row(name, segments))
-            self._names.append(name)
+            name.setFixedWidth(NAME_PX)
             self.segments[field] = segments
         parts.append(Panel("line"))
         for dial in dials_of(protocol):
             dial_row = self.dials[dial.name] = DialRow(dial)
-            self._names.append(dial_row.name)
+            dial_row.name.setFixedWidth(NAME_PX)
+            dial_row.value.setFixedWidth(VALUE_PX)
             dial_row.setToolTip(HINTS.get(dial.name, ""))
             dial_row.changed.connect(partial(self._turn, dial.name))
             parts.append(dial_row)
@@ -136,15 +137,6 @@ class Controls(QScrollArea):
         self.reset = button("Reset", self._reset, "small", hint)
         foot = row(self.changes, self.reset)
         self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=3))
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        """Wider for larger text; all names of settings alike, and all values of dials."""
-        self.setFixedWidth(theme.text_px(RIGHT_PX))
-        for name in self._names:
-            name.setFixedWidth(theme.text_px(NAME_PX))
-        for dial in self.dials.values():
-            dial.value.setFixedWidth(theme.text_px(VALUE_PX))
 
     # what is set
 

@@ -29,7 +29,7 @@ class Bars(QStyledItemDelegate):
     ) -> None:
         share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
         box = QRectF(self._table.visualRect(index)).adjusted(20.0, 0.0, -3.0, 0.0)
-        number_px = max(theme.text_px(48), theme.text_width(index.data(), theme.NORMAL))
+        number_px = max(48, theme.text_width(index.data(), theme.NORMAL))
         number = QRectF(box.right() - number_px, box.top(), number_px, box.height())
         painter.setFont(font(theme.NORMAL))
         painter.setPen(shade(COLOURS.text if share is not None else COLOURS.quiet))
@@ -75,13 +75,10 @@ class PassTable(QTableWidget):
             self.setItemDelegateForColumn(across, bars)
             right, role = Qt.AlignmentFlag.AlignRight, Qt.ItemDataRole.TextAlignmentRole
             self.model().setHeaderData(across, Qt.Orientation.Horizontal, right, role)
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        self.verticalHeader().setDefaultSectionSize(theme.text_px(22))
+        self.verticalHeader().setDefaultSectionSize(22)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        self.setColumnHidden(2, self.width() < theme.text_px(640))
+        self.setColumnHidden(2, self.width() < 640)
         super().resizeEvent(event)
 
     def show_passes(self, passes: Sequence[m.Pass], protocol: Protocol) -> None:

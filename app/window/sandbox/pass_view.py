@@ -7,7 +7,7 @@ from app.window.canvas.force_view import FORCES, LINKAGE, TRAIL, ForceView
 from app.window.canvas.layers import Point, extent_of_paths
 from app.window.canvas.path_marks import Sizes, polygon
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, pen, shade, text_px, write
+from app.window.widgets.theme import COLOURS, pen, shade, write
 from core.device import Device
 from core.path import PathFile
 
@@ -37,7 +37,7 @@ class PassView(ForceView):
 
     def fit(self) -> None:
         """The path keeps clear of the words above and below it."""
-        self._keep_free = QMarginsF(16.0, text_px(HEAD_PX), 16.0, text_px(FOOT_PX))
+        self._keep_free = QMarginsF(16.0, HEAD_PX, 16.0, FOOT_PX)
         super().fit()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:

@@ -98,15 +98,10 @@ class TryPage(Page):
             pressed.setEnabled(False)
         self._show_status(PREPARING)
         self._clear_figures()
-        self.follow_text()
-
-    def follow_text(self) -> None:
-        """The figures keep their room above a larger text, whatever they are."""
         for figure in (self.error, self.time):
             figure.setFixedWidth(math.ceil(theme.text_width(WIDEST_FIGURE, FIGURE, bold=True)))
         for force in self.forces.values():
-            force.setMaximumWidth(theme.text_px(FORCE_PX))
-        self._fit_head()
+            force.setMaximumWidth(FORCE_PX)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._fit_head()
@@ -114,7 +109,7 @@ class TryPage(Page):
 
     def _fit_head(self) -> None:
         """The figures give way where they would leave too little room for the line that says what to do."""
-        beside = theme.text_px(RIGHT_PX) + INSET_PX + BESIDE_PX + self.error.width() + self.time.width()
+        beside = RIGHT_PX + INSET_PX + BESIDE_PX + self.error.width() + self.time.width()
         fits = self.width() - beside >= theme.text_width(BACK.large, theme.LARGE, bold=True)
         for label in self.figures:
             label.setVisible(fits)

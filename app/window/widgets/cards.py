@@ -21,7 +21,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 
-WIDTH_PX = 400  # at a text size of 1
+WIDTH_PX = 400  #
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
@@ -35,6 +35,7 @@ class Ask(NamedTuple):
     reasons: tuple[str, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
     own: str = "Another reason"  # what one's own words are
+    leave: str = "Cancel  Esc"  # the words of the button that closes it
 
     def of_trial(self, number: int, about: str = "") -> "Ask":
         """The same of one trial of the plan."""
@@ -95,7 +96,7 @@ class OverlayCard(Panel):
     def place(self) -> None:
         """Stand in the middle of the parent."""
         around = self._around
-        width = max(theme.text_px(self.wide_px), self.minimumSizeHint().width())  # its buttons are never cut
+        width = max(self.wide_px, self.minimumSizeHint().width())  # its buttons are never cut
         self.setFixedWidth(min(width, max(around.width() - 2 * theme.GAP, 280)))
         height = self.heightForWidth(self.width()) if self.hasHeightForWidth() else self.sizeHint().height()
         self.setFixedHeight(min(max(height, self.minimumSizeHint().height()), max(around.height() - 8, 120)))
@@ -135,7 +136,7 @@ class Question(OverlayCard):
     def __init__(
         self, ask: Ask, answered: Callable[[str], object], leave: Callable[[], object], parent: QWidget
     ) -> None:
-        buttons = ((f"{ask.do}  Enter", lambda: self._answer()), ("Cancel  Esc", leave))
+        buttons = ((f"{ask.do}  Enter", lambda: self._answer()), (ask.leave, leave))
         super().__init__(ask.title, ask.text, buttons, parent)
         self._answered = answered
         self.confirm, self.cancel = self.buttons

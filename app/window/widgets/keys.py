@@ -20,7 +20,7 @@ class Key(NamedTuple):
 #: in a session
 SESSION = {
     "start": Key(("Space",), "start the next trial; keep the trial on the card and go on"),
-    "escape": Key(("Esc",), "close a question; else brakes off at once"),
+    "escape": Key(("Esc",), "brakes off at once; what is open closes, first where no trial runs"),
     "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
     "redo": Key(("Alt+R",), "repeat the last trial, or the one on the card"),
     "exclude": Key(("Alt+X",), "exclude the trial on the card"),
@@ -38,8 +38,6 @@ WINDOW = {
     "device": Key(("Ctrl+5", "F3"), "Device"),
     "save": Key(("Ctrl+S",), "save the protocol in the editor"),
     "participant": Key(("F11",), "show or hide the participant's view"),
-    "larger": Key(("Ctrl++", "Ctrl+="), "larger text"),
-    "smaller": Key(("Ctrl+-",), "smaller text"),
     "keys": Key(("F1", "?"), "show the keys"),
     "help": Key(("Shift+F1",), "the help menu"),
     "settings": Key(("Ctrl+,",), "settings"),

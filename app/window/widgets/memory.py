@@ -5,11 +5,12 @@ from PySide6.QtCore import QCoreApplication, QSettings
 from app import DATA
 
 #: keys, and what holds before the user has chosen
-DARK_OR_LIGHT, TEXT_SIZE, SOUND = "theme", "text_size", "sound"
+DARK_OR_LIGHT, SIZE, SOUND = "theme", "size", "sound"
 SCREEN, DATA_FOLDER = "participant_screen", "data_folder"
 OTHER_SCREEN, NO_SCREEN = "", "none"  # of the participant's screen; else its name
 ON, OFF = "on", "off"  # of the sound
-_DEFAULTS = {DARK_OR_LIGHT: "dark", TEXT_SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA)}
+SIZES = "0.9", "1.0", "1.15", "1.3", "1.5"  # times that of the design
+_DEFAULTS = {DARK_OR_LIGHT: "dark", SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA)}
 
 
 def begin() -> None:
@@ -27,6 +28,12 @@ def remembered(key: str) -> str:
     """What the user has chosen for a key, else its default."""
     kept = file()
     return str(kept.value(key, _DEFAULTS[key])) if kept else _DEFAULTS[key]
+
+
+def scale() -> float:
+    """How large everything is, as a multiple of the design: one of `SIZES`."""
+    kept = remembered(SIZE)
+    return float(kept if kept in SIZES else _DEFAULTS[SIZE])
 
 
 def remember(key: str, value: str) -> None:

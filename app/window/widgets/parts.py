@@ -128,15 +128,12 @@ class Figures(QWidget):
         """All of it, without the colours."""
         return " ".join(text for text, _ in self.parts)
 
-    def follow_text(self) -> None:
-        self.updateGeometry()
-
     def sizeHint(self) -> QSize:
         return QSize(0, QFontMetrics(theme.font(self._size)).height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, words, room = QPainter(self), self.text(), self.width()
-        least = min(theme.LEAST_PX * self._size // theme.text_px(self._size), self._size)
+        least = min(theme.LEAST_PX, self._size)
         sizes = range(self._size, least - 1, -1)
         size = next((fitting for fitting in sizes if theme.text_width(words, fitting, self._bold) <= room), sizes[-1])
         painter.setFont(theme.font(size, self._bold))

@@ -28,8 +28,8 @@ NOTHING = "–"
 HIDDEN = "hidden: the session is blind"
 NO_TRIAL = "no trial yet"
 STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # round ends of a range, times a power of ten
-LEAST_GRAPH_PX = 30  # high, at a text size of 1: the names of both ends of an axis
-AXIS_PX = 40  # wide, of the values at the left, at a text size of 1
+LEAST_GRAPH_PX = 30  # high: the names of both ends of an axis
+AXIS_PX = 40  # wide, of the values at the left
 
 
 def range_for(value: float, least: float) -> float:
@@ -62,20 +62,15 @@ class Graph(pg.PlotWidget):
             axis.setTextPen(COLOURS.quiet)
             axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
             axis.enableAutoSIPrefix(False)
-        self.follow_text()
+            axis.setStyle(tickFont=theme.font(theme.SMALL))
+            axis.label.setFont(theme.font(theme.SMALL))
+        self._axes()[0].setWidth(AXIS_PX)
+        half = theme.SMALL / 2  # of the words at the ends of the axes, which are not to be cut
+        self.getPlotItem().setContentsMargins(0, half, half, half)
+        self.setMinimumHeight(LEAST_GRAPH_PX)
 
     def _axes(self) -> list[pg.AxisItem]:
         return [self.getPlotItem().getAxis(side) for side in ("left", "bottom")]
-
-    def follow_text(self) -> None:
-        """Ticks as large as all other text."""
-        for axis in self._axes():
-            axis.setStyle(tickFont=theme.font(theme.SMALL))
-            axis.label.setFont(theme.font(theme.SMALL))
-        self._axes()[0].setWidth(theme.text_px(AXIS_PX))
-        half = theme.text_px(theme.SMALL) / 2  # of the words at the ends of the axes, which are not to be cut
-        self.getPlotItem().setContentsMargins(0, half, half, half)
-        self.setMinimumHeight(theme.text_px(LEAST_GRAPH_PX))
 
 
 class Plot(Panel):

@@ -89,13 +89,13 @@ class Banner(Panel):
         """A line for each thing; "": nothing is wrong."""
         self._whole = breakable(text)
         self.setToolTip(text)
-        self.follow_text()
+        self.fit_words()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.follow_text()
+        self.fit_words()
 
-    def follow_text(self) -> None:
+    def fit_words(self) -> None:
         """Show as much of the text, whole words, as has room in two lines, which it has without a text, too."""
         metrics, room = self.words.fontMetrics(), QRect(0, 0, self.width() - 2 * PADDING_PX - 2, 0)
         self.words.setFixedHeight(metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, "A\nA").height())
@@ -145,7 +145,7 @@ class Preflight(QWidget):
         self._row = row(spacing=GAP_PX)
         self.setLayout(row(1, self._row))
 
-    def follow_text(self) -> None:
+    def fit_words(self) -> None:
         """A fair share of the room to the words of each: what a short one does not need is for the longer ones."""
         for pill in self.pills:
             pill.shorten(0)
@@ -157,7 +157,7 @@ class Preflight(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.follow_text()
+        self.fit_words()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> bool:
         """Show the checks, and what is wrong: whether anything is."""
@@ -169,7 +169,7 @@ class Preflight(QWidget):
                 self._row.addWidget(pill)
                 if check.name == DEVICE:
                     pill.clicked.connect(self._show_device)
-            self.follow_text()
+            self.fit_words()
         wrong = ([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot)
         self.banner.show_text("\n".join(wrong))
         off, failed = bool(snapshot.brakes_off), snapshot.stage == m.FAILED

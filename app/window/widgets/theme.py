@@ -3,14 +3,13 @@
 import os
 from functools import cache, lru_cache
 from importlib.util import find_spec
-from itertools import chain
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter, QPen, QStaticText, QTransform
 from PySide6.QtWidgets import QApplication, QWidget
 
-from app.window.widgets import memory, palette
+from app.window.widgets import palette
 from app.window.widgets.sheet import SHEET
 
 COLOURS = palette.chosen
@@ -20,78 +19,26 @@ STATUS = {
     "recovered": COLOURS.caution, "skipped": COLOURS.quiet, "stopped": COLOURS.bad, "excluded": COLOURS.quiet,
 }  # fmt: skip
 
-SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px, at a text size of 1
+SMALL, NORMAL, TITLE, HEAD, LARGE = 12, 14, 16, 20, 30  # px
 LEAST_PX = 12  # of a text that becomes smaller where it has no room
-TEXT_SIZES = (0.9, 1.0, 1.15, 1.3, 1.5)
 GAP, RADIUS = 12, 6  # px, between panels, of their corners
 
 FAMILIES = ["Inter", "DejaVu Sans"]  # the second comes along: the same on every machine
 
 
-_text_size = TEXT_SIZES.index(1.0)  # place in TEXT_SIZES
-
-
-def text_px(size: float) -> int:
-    """As many px as this, at a text size of 1, are now."""
-    return round(size * TEXT_SIZES[_text_size])
-
-
 @cache
 def font(size: int = NORMAL, bold: bool = False) -> QFont:
-    """The typeface at a size (px, at a text size of 1), in one of its two weights."""
+    """The typeface at a size (px), in one of its two weights."""
     chosen = QFont(FAMILIES)
-    chosen.setPixelSize(text_px(size))
+    chosen.setPixelSize(size)
     chosen.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
     return chosen
-
-
-def text_size() -> float:
-    """The one of TEXT_SIZES that is shown."""
-    return TEXT_SIZES[_text_size]
-
-
-def begin_with_text_size() -> None:
-    """The one that the user chose last, before any window is there."""
-    global _text_size
-    kept = memory.remembered(memory.TEXT_SIZE)
-    _text_size = next((place for place, size in enumerate(TEXT_SIZES) if str(size) == kept), _text_size)
-    font.cache_clear()
-
-
-def scale_text(step: int) -> None:
-    """The next larger (1) or smaller (-1) text size."""
-    set_text_size(TEXT_SIZES[min(max(_text_size + step, 0), len(TEXT_SIZES) - 1)])
-
-
-def set_text_size(size: float) -> None:
-    """Another of TEXT_SIZES, which is remembered, in every window that is there.
-
-    A widget that has to do more for it has a method `follow_text`, called after those of the widgets in it.
-    """
-    global _text_size
-    before = text_size()
-    _text_size = TEXT_SIZES.index(size)
-    memory.remember(memory.TEXT_SIZE, str(size))
-    for cached in (font, text_width, laid_out):
-        cached.cache_clear()
-    inside = ((window, *window.findChildren(QWidget)) for window in QApplication.topLevelWidgets())
-    widgets = dict.fromkeys(chain.from_iterable(inside))  # outer ones first: they hand their font on to inner ones
-    sizes = [widget.property("px") or widget.font().pixelSize() / before for widget in widgets]  # px, at 1
-    QApplication.setFont(font())
-    for widget, px in zip(widgets, sizes, strict=True):
-        now = widget.font()
-        now.setPixelSize(text_px(px))
-        widget.setProperty("px", px)
-        widget.setFont(now)
-    for widget in reversed(widgets):
-        if hasattr(widget, "follow_text"):
-            widget.follow_text()
 
 
 def mono() -> QFont:
     """The typeface of text in columns."""
     chosen = QFont(["DejaVu Sans Mono", "monospace"])
-    chosen.setPixelSize(text_px(NORMAL))
+    chosen.setPixelSize(NORMAL)
     return chosen
 
 
@@ -123,11 +70,9 @@ def as_text(colour: str) -> str:
 def set_style(widget: QWidget, name: str) -> None:
     """Let a widget look like another kind of its class (the `#name` rules of the sheet)."""
     if widget.objectName() != name:
-        now = widget.font()  # Qt would bring back the one that the widget had at first, in another text size
         widget.setObjectName(name)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
-        widget.setFont(now)
         widget.update()
 
 
@@ -139,7 +84,6 @@ def apply_theme(application: QApplication) -> None:
     folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
     for name in ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSansMono.ttf"):
         QFontDatabase.addApplicationFont(str(folder / name))
-    begin_with_text_size()
     application.setStyle("Fusion")
     application.setFont(font())
     application.setStyleSheet(SHEET.substitute(COLOURS._asdict(), radius=RADIUS))

@@ -1,0 +1,118 @@
+"""While a trial runs Esc takes the brakes off in every window, dialog, menu and field, and closes what is open."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import pytest
+from fake_client import opened, ready, running
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QComboBox, QFileDialog, QPushButton, QWidget
+from screens import Screens, settle
+
+from app.ipc import messages as m
+from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
+
+PAGES = HOME, TRY, RUN, ANALYSE, DEVICE
+ALT = Qt.KeyboardModifier.AltModifier
+
+
+def press_escape(window: QWidget) -> None:
+    """As the window system brings it to the window that has the keyboard."""
+    QTest.keyClick(window.windowHandle(), Qt.Key.Key_Escape)
+
+
+def running_on(screens: Screens, page: str, editing: bool = False) -> QWidget:
+    """A trial runs, and this page is at the front."""
+    screens.hear(opened(), running())
+    screens.main.show_page(page)
+    if editing:
+        screens.main.pages[HOME].editor.open("paper")
+        screens.main.pages[HOME]._show_editor()
+    screens.main.activateWindow()
+    QTest.qWaitForWindowActive(screens.main)
+    settle(screens.main)
+    return screens.main.page(page)
+
+
+def places(page: QWidget, main: QWidget) -> Iterator[Callable[[], object]]:
+    """What is done to bring the keyboard to each field, button, list and menu that is seen."""
+    for widget in (*page.findChildren(QWidget), *main.findChildren(QPushButton)):
+        if not (widget.isVisible() and widget.isEnabled()):
+            continue
+        if widget.focusPolicy() & Qt.FocusPolicy.TabFocus:
+            yield widget.setFocus
+        if isinstance(widget, QPushButton) and widget.menu() is not None:
+            yield partial(widget.menu().popup, main.mapToGlobal(main.rect().center()))
+        if isinstance(widget, QComboBox):
+            yield widget.showPopup
+
+
+@pytest.mark.parametrize(("name", "editing"), [*((name, False) for name in PAGES), (HOME, True)])
+def test_escape_takes_the_brakes_off_from_every_field_button_list_and_menu_of_a_page(screens, name, editing) -> None:
+    page = running_on(screens, name, editing)
+    for number, reach in enumerate(list(places(page, screens.main)), start=1):
+        reach()
+        press_escape(screens.main)
+        assert len(screens.client.off_causes) == number and QApplication.activePopupWidget() is None, reach
+    assert screens.client.off_causes
+
+
+#: everything that lies over the window while a trial runs, by what opens it
+ASKED: dict[str, Callable[[Screens], object]] = {
+    "abort": lambda screens: screens.press(Qt.Key.Key_A, modifier=ALT), "close": lambda screens: screens.main.close(),
+    "settings": lambda screens: screens.main.show_settings(), "keys": lambda screens: screens.main.show_keys(),
+    "controllers": lambda screens: screens.main.show_controllers(), "files": lambda screens: screens.main.show_files(),
+    "about": lambda screens: screens.main.show_about(),
+    "note": lambda screens: screens.press(Qt.Key.Key_N, modifier=ALT),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_escape_takes_the_brakes_off_from_every_question_and_closes_it(screens: Screens, asked: str) -> None:
+    running_on(screens, RUN)
+    ASKED[asked](screens)
+    press_escape(screens.main)
+    assert len(screens.client.off_causes) == 1
+    assert screens.main.cards.question is None and screens.run.cards.question is None
+
+
+def test_escape_takes_the_brakes_off_from_a_dialog_of_files_and_closes_it(qtbot, screens: Screens) -> None:
+    running_on(screens, HOME)
+    seen = []
+
+    def look() -> None:
+        dialog = QApplication.activeModalWidget()
+        QTest.qWaitForWindowActive(dialog)
+        seen.append(dialog)
+        QTest.keyClick(dialog.windowHandle(), Qt.Key.Key_Escape)
+
+    QTimer.singleShot(200, look)
+    plain = QFileDialog.Option.DontUseNativeDialog
+    assert QFileDialog.getOpenFileName(screens.main, "Protocol", "", "", options=plain)[0] == ""
+    assert len(seen) == 1 and len(screens.client.off_causes) == 1
+
+
+@pytest.mark.parametrize("window", ["main", "participant"])
+def test_escape_takes_the_brakes_off_in_every_stage_of_a_session(screens: Screens, window: str) -> None:
+    for number, said in enumerate(
+        (running(), ready(3), ready(9, stage=m.RERIG), ready(9, stage=m.BREAK), ready(10, stage=m.QUESTIONS)), start=1
+    ):
+        screens.hear(opened(), said)
+        shown = getattr(screens, window)
+        shown.show()
+        screens.press(Qt.Key.Key_Escape, shown)
+        assert len(screens.client.off_causes) == number, said.stage
+
+
+def test_another_page_closes_every_menu_and_takes_the_keyboard(screens: Screens) -> None:
+    screens.hear(opened(""), ready(0, stage=m.NO_SESSION))
+    screens.main.show_page(HOME)
+    choose = screens.main.pages[HOME].data.choose
+    choose.setFocus()
+    choose.menu().popup(choose.mapToGlobal(choose.rect().bottomLeft()))
+    assert QApplication.activePopupWidget() is not None
+    screens.hear(opened(), ready(0))
+    assert screens.main.shown == RUN and QApplication.activePopupWidget() is None
+    assert screens.main.focusWidget() is not choose
+    assert screens.press(Qt.Key.Key_Space, screens.main.focusWidget()) == [m.Start()]
