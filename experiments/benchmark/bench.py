@@ -1,15 +1,14 @@
 """`phd bench`: speed against error of each integrator.
 
-Every time is the least of several repeats inside compiled loops over whole scenes; the four closed-form accelerations
-that a step cannot do without are timed between the repeats, so that the ratio of the two does not hang on what else
-the machine does. Errors are against `event` at a tiny step, itself checked here against an independent solution
-(`reference`).
+Every time is the processor's, of compiled loops alone, and the least of several repeats; the four closed-form
+accelerations that a step cannot do without are timed between the repeats, so that the ratio of the two does not hang on
+what else the machine does. Errors are against `event` at a tiny step, itself checked here against an independent
+solution (`reference`).
 """
 
 import math
 import os
 import platform
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
@@ -21,13 +20,14 @@ from core import tick_log
 from core.device import without_backlash
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
+from experiments.benchmark.clock import clock
 from experiments.benchmark.kernels import accelerations
 from experiments.benchmark.mujoco import MujocoRun, mujoco_version
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import COMPARE_S, START, STEPS_S, BenchScene, bench_devices, bench_scenes
 from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
-from experiments.protocol import load_protocol
+from experiments.protocol import Protocol, load_protocol
 from experiments.study.unrecorded import person_of, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
@@ -40,7 +40,7 @@ RUNS = (("event", "ideal"), ("event", "mr"), ("stepping", "ideal"), ("karnopp", 
 ORDER_STEPS_S, SMALLEST_M = (5e-3, 2e-3, 1e-3, 5e-4), 1e-12
 AGAINST = "scipy DOP853 on Eq. (5), for mr with Eq. (1) as a differential equation"
 DELTA_OMEGAS = (1e-1, 1e-2, 1e-3, 1e-4)  # rad/s, of Eq. (6)
-REPEATS, QUICK_REPEATS, PEER_REPEATS = 15, 3, 3
+REPEATS, QUICK_REPEATS, PEER_REPEATS, TICK_REPEATS = 15, 3, 3, 5
 
 
 @dataclass(frozen=True)
@@ -150,20 +150,20 @@ def simulated(run: BenchRun, delta_omega: float = DELTA_OMEGA) -> tuple[Simulati
 
 
 def seconds(run: BenchRun, out: np.ndarray) -> float:
-    """Wall time of one run of the whole scene inside the kernel (s)."""
+    """Time of one run of the whole scene inside the kernel (s)."""
     simulation, n = new_simulation(run), round(run.scene.duration_s / run.step)
     schedule = run.schedule
-    start = time.perf_counter()
+    start = clock()
     run_rows(simulation.model, simulation.data, schedule, Grid(0, 1, n, run.step), out)
-    return time.perf_counter() - start
+    return clock() - start
 
 
 def four_accelerations(simulation: Simulation) -> float:
-    """Wall time of four closed-form accelerations (us)."""
+    """Time of four closed-form accelerations (us)."""
     torque, tip, count = np.array([0.3, -0.3, 0.3, -0.3]), (0.05, 0.40, 0.1, -0.2), 2000
-    start = time.perf_counter()
+    start = clock()
     accelerations(simulation.mechanism, torque, tip, 4 * count)
-    return (time.perf_counter() - start) / count * 1e6
+    return (clock() - start) / count * 1e6
 
 
 def measure_ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
@@ -171,11 +171,11 @@ def measure_ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
     simulation, found = simulated(run)
     ledger, out = simulation.ledger(), np.zeros((2, ROW_WIDTH))
     seconds(run, out)
-    four = wall = math.inf
+    four = least = math.inf
     for _ in range(repeats):
         four = min(four, four_accelerations(simulation))
-        wall = min(wall, seconds(run, out))
-    row = row_of(run, found, tips, wall)
+        least = min(least, seconds(run, out))
+    row = row_of(run, found, tips, least)
     return replace(row, four_accelerations_us=four, energy_residual_J=ledger.residual, events=ledger.events,
                    fallbacks=ledger.fallbacks)  # fmt: skip
 
@@ -183,16 +183,16 @@ def measure_ours(run: BenchRun, tips: np.ndarray, repeats: int) -> Row:
 def measure_peer(scene: BenchScene, integrator: str, step: float, tips: np.ndarray) -> Row:
     """Measure another simulator on a scene; tips: the reference's."""
     other = PEERS[integrator].run(scene, step)
-    found, wall = other.tips(), min(other.seconds() for _ in range(PEER_REPEATS))
-    return row_of(BenchRun(scene, integrator, "ideal", step), found, tips, wall)
+    found, least = other.tips(), min(other.seconds() for _ in range(PEER_REPEATS))
+    return row_of(BenchRun(scene, integrator, "ideal", step), found, tips, least)
 
 
-def row_of(run: BenchRun, found: np.ndarray, tips: np.ndarray, wall: float) -> Row:
-    """A row for any simulator, from the tips (n, 2) that it found, the reference's tips (m), and its wall time (s)."""
+def row_of(run: BenchRun, found: np.ndarray, tips: np.ndarray, least: float) -> Row:
+    """A row for any simulator, from the tips (n, 2) that it found, the reference's tips (m), and its time (s)."""
     scene, integrator, fidelity, step = run
     return Row(
-        integrator, fidelity, scene.device.name, scene.name, step, wall / round(scene.duration_s / step) * 1e6,
-        wall / scene.duration_s, *errors(found, tips), creep(scene, found),
+        integrator, fidelity, scene.device.name, scene.name, step, least / round(scene.duration_s / step) * 1e6,
+        least / scene.duration_s, *errors(found, tips), creep(scene, found),
     )  # fmt: skip
 
 
@@ -253,28 +253,43 @@ def tick_cost(quick: bool) -> dict:
     """
     load_kernels()  # no clock runs while they are compiled
     protocol = load_protocol()
-    operators = 1 if quick else 3
     if quick:
         protocol = msgspec.structs.replace(protocol, blocks=1)
+    passes = [spent_on_ticks(protocol, 1 if quick else 3) for _ in range(QUICK_REPEATS if quick else TICK_REPEATS)]
+    least = {device.name: min(spent[device.name] for spent in passes) for device in protocol.devices}
+    seconds, ticks, trials = map(sum, zip(*least.values(), strict=True))
+    return {
+        "trials": trials,
+        "ticks": ticks,
+        "study_simulation_s": seconds,
+        "us_per_tick": seconds / ticks * 1e6,
+        "us_per_tick_by_device": {name: spent.s / spent.ticks * 1e6 for name, spent in least.items()},
+    }
+
+
+class Spent(NamedTuple):
+    """The time of the ticks of a study with one device (s), how many ticks and how many trials they are."""
+
+    s: float = 0.0
+    ticks: int = 0
+    trials: int = 0
+
+
+def spent_on_ticks(protocol: Protocol, operators: int) -> dict[str, Spent]:
+    """Simulate a study once: what its ticks take, by device."""
     rows = np.empty((8192, tick_log.WIDTH))
-    spent = {device.name: np.zeros(2) for device in protocol.devices}  # s, ticks
-    trials = 0
+    spent = {device.name: Spent() for device in protocol.devices}
     for operator in range(1, operators + 1):
         person = person_of(load_population(), protocol.seed, operator)
         devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
         for planned in make_plan(protocol, f"{operator:02d}", coded=False):
             preset = protocol.controllers[int(planned.controller)]
             trial = trial_of(protocol, person, operator, planned, devices[planned.configuration], preset)
-            trials += 1
+            before = spent[planned.configuration]
+            s, ticks = before.s, before.ticks
             while not trial.finished:
-                start = time.perf_counter()
-                n = trial.run(rows)
-                spent[planned.configuration] += time.perf_counter() - start, n
-    seconds, ticks = sum(spent.values(), np.zeros(2))
-    return {
-        "trials": trials,
-        "ticks": round(ticks),
-        "study_simulation_s": seconds,
-        "us_per_tick": seconds / ticks * 1e6,
-        "us_per_tick_by_device": {name: 1e6 * s / n for name, (s, n) in spent.items()},
-    }
+                start = clock()
+                ticks += trial.run(rows)
+                s += clock() - start
+            spent[planned.configuration] = Spent(s, ticks, before.trials + 1)
+    return spent

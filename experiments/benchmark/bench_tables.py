@@ -93,7 +93,7 @@ def _ratios(rows: list[dict], peers: list[dict]) -> list[str]:
 
 
 def work_precision(result: dict) -> dict[str, bytes]:
-    """The work-precision plot, RMS error over wall time per simulated second, as "png" and "pdf"."""
+    """The work-precision plot, RMS error over time per simulated second, as "png" and "pdf"."""
     rows = result["rows"]
     devices = list(dict.fromkeys(row["device"] for row in rows))
     with matplotlib.rc_context(STYLE):
@@ -107,8 +107,8 @@ def work_precision(result: dict) -> dict[str, bytes]:
                            == (integrator, fidelity, device, scene)]  # fmt: skip
                     if own:
                         name = integrator if fidelity == "ideal" else f"{integrator}, {fidelity} brakes"
-                        wall = [1e3 * row["wall_s_per_sim_s"] for row in own]
-                        ax.loglog(wall, [row["rms_error_m"] for row in own], color=colour, marker=marker, label=name,
+                        spent = [1e3 * row["wall_s_per_sim_s"] for row in own]
+                        ax.loglog(spent, [row["rms_error_m"] for row in own], color=colour, marker=marker, label=name,
                                   markersize=4, linewidth=1.0)  # fmt: skip
                 ax.set_title(f"{scene}, {device}")
                 ax.grid(True, linewidth=0.3)

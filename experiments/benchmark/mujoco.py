@@ -7,7 +7,6 @@ in at the handle once a step, as it is in the step's middle (the most accurate c
 no Python between steps.
 """
 
-import time
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -15,6 +14,7 @@ from types import ModuleType
 import numpy as np
 
 from core.mechanism import JOINTS
+from experiments.benchmark.clock import clock
 from experiments.benchmark.scenes import COMPARE_S, START, BenchScene
 from experiments.benchmark.ten_coordinates import bodies_of, coordinates
 
@@ -105,13 +105,13 @@ class MujocoRun:
         )  # fmt: skip
 
     def seconds(self) -> float:
-        """Wall time of the whole scene in one call (s). The brakes stay as a schedule's first row has them: a change
+        """Time of the whole scene in one call (s). The brakes stay as a schedule's first row has them: a change
         would need a new call, and its cost is not the engine's."""
         self.model.dof_frictionloss[:] = self.scene.torques[0]
         state = self._start()
-        start = time.perf_counter()
+        start = clock()
         self._roll(state, self.forces)
-        return time.perf_counter() - start
+        return clock() - start
 
     def _start(self) -> np.ndarray:
         size = self.mujoco.mj_stateSize(self.model, self.mujoco.mjtState.mjSTATE_FULLPHYSICS)
