@@ -107,20 +107,20 @@ class BrakeFile(Table, frozen=True, kw_only=True):
         """Whether some of its numbers are assumed."""
         return is_assumed(self.provenance)
 
-    def changed(self, lag: float, drag: float, backlash_deg: float | None) -> "BrakeFile":
-        """The brake with `lag` times its time constants and `drag` times its torque without current.
+    def changed(self, lag: float, drag: float, torque: float, backlash_deg: float | None) -> "BrakeFile":
+        """The brake with factors on its time constants, on its torque without current (drag), and on what current adds.
 
         The drag is there beside the field's torque: without it K is less by k_2 at every current. backlash_deg: None:
         as it is.
         """
         k1, k2, k3, k4, k5 = self.equation_2
-        more = (drag - 1.0) * k2
+        more = (drag - torque) * k2
         play = self.backlash_deg if backlash_deg is None else backlash_deg
         rise, fall = self.rise.slower(lag), self.fall.slower(lag)
         if self.torque_table is None:
-            k, table = (k1, drag * k2, k3, k4, k5 + more), None
+            k, table = (torque * k1, drag * k2, torque * k3, torque * k4, torque * k5 + more), None
         else:
-            k, table = None, tuple((current, torque + more) for current, torque in self.torque_table)
+            k, table = None, tuple((current, torque * held + more) for current, held in self.torque_table)
         return msgspec.structs.replace(self, k=k, torque_table=table, rise=rise, fall=fall, backlash_deg=play)
 
     def torque_gain(self, current: float) -> float:

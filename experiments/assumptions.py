@@ -27,6 +27,7 @@ class Assumptions(Table, frozen=True):
     fidelity: Annotated[str, choice("ideal", "static", "mr")] = "mr"  # ideal: as asked, at once, no drag; static: K(I)
     lag_factor: Positive = 1.0  # of both time constants, Eq. (4)
     drag_factor: NotNegative = 1.0  # of the torque without current, k_2
+    torque_factor: Positive = 1.0  # of the torque that current adds, K - k_2
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] | None = None  # of every brake; None: as in its file
     # what the controller sees of the simulated device
     sensing: Annotated[str, choice(*SENSINGS)] = IDEAL
@@ -50,8 +51,9 @@ class Assumptions(Table, frozen=True):
     def applied_to(self, device: Device) -> Device:
         """The device to simulate: with the brakes that are assumed, which its controllers know."""
         drag = 0.0 if self.fidelity == "ideal" else self.drag_factor
-        if (self.lag_factor, drag, self.backlash_deg) != (1.0, 1.0, None):
-            return with_brakes(device, lambda brake: brake.changed(self.lag_factor, drag, self.backlash_deg))
+        factors = self.lag_factor, drag, self.torque_factor
+        if (*factors, self.backlash_deg) != (1.0, 1.0, 1.0, None):
+            return with_brakes(device, lambda brake: brake.changed(*factors, self.backlash_deg))
         return device
 
     def controller(self, preset: Preset) -> Preset:

@@ -117,7 +117,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
         """InputError if the low gain is not known."""
         if self.low_gain_unknown:
             raise InputError(
-                f"{self.name}: low gain {NO_VIBRATION!r}: phd study and phd worlds find the number on simulated "
+                f"{self.name}: low gain {NO_VIBRATION!r}: phd study and phd sensitivity find the number on simulated "
                 "trials; here it must be given in N s/m"
             )
 

@@ -1,4 +1,4 @@
-"""The verbs on simulated operators: `phd study`, or a sweep of many, and `phd worlds`, under many assumptions."""
+"""The verbs on simulated operators: `phd study`, or a sweep of many, and `phd sensitivity`."""
 
 import argparse
 from pathlib import Path
@@ -64,23 +64,16 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     option = add_verb(
-        verbs, "worlds", worlds, "draw sets of assumptions from ranges and ask which produce the paper's findings\n"
-        "Each world is a study of three simulated people by the paper's protocol, without recordings, under\n"
-        "assumptions drawn from the ranges, and is judged by boxes as the paper judges. Leaves DIR/worlds.csv, a row\n"
-        "a world, and DIR/report: the share of worlds in which each statement holds, which assumption decides it, the\n"
-        "nearest world to the paper, and what to measure first. Killed, it goes on with --resume to the same table;\n"
+        verbs, "sensitivity", sensitivity, "find which of the paper's statements hold under what it does not print\n"
+        "Each sample is a study of three simulated people by the paper's protocol, without recordings, with values\n"
+        "drawn from ranges, and is judged by boxes as the paper judges. Leaves DIR/sensitivity.csv, a row a trial,\n"
+        "and DIR/report: in which share of the samples each statement holds, what decides it, which statements\n"
+        "contradict each other, and what to measure first. Killed, it goes on with --resume to the same table;\n"
         "neither the number of cores nor the order of work changes a digit. The ranges of the paper ship as paper.",
-        "phd worlds paper --n 10000 --out worlds-1", prints="the summary",
+        "phd sensitivity paper --n 3000 --out sensitivity-1", prints="the summary",
     ).add_argument  # fmt: skip
     option("ranges", metavar="RANGES.toml", help="a ranges file, or a shipped one's name (paper)")
-    option("--n", type=whole_number_of(1), default=10_000, metavar="N", help="how many worlds (default: 10000)")
-    option(
-        "--triples",
-        type=whole_number_of(1),
-        default=1,
-        metavar="K",
-        help="how many triples of people try each world: several split what hangs on the people from the rest",
-    )
+    option("--n", type=whole_number_of(1), default=3000, metavar="N", help="how many samples (default: 3000)")
     option("--seed", type=whole_number_of(0), default=1, metavar="N", help="of everything random (default: 1)")
     option("--resume", action="store_true", help="go on with the interrupted run in DIR, begun with the same arguments")
     option("--cluster", metavar="ADDRESS", help="run it on this Dask scheduler (tcp://HOST:8786)")
@@ -160,10 +153,10 @@ def sweep(args: argparse.Namespace) -> None:
     print_result(args, summary, summary_text(summary))
 
 
-def worlds(args: argparse.Namespace) -> None:
-    from experiments.worlds.ranges import load_ranges
-    from experiments.worlds.worlds import WorldsRun, run_worlds
+def sensitivity(args: argparse.Namespace) -> None:
+    from experiments.sensitivity.ranges import load_ranges
+    from experiments.sensitivity.run import SensitivityRun, run_sensitivity
 
-    run = WorldsRun(load_ranges(args.ranges), args.n, args.seed, args.triples)
-    summary = with_progress("worlds", run_worlds, run, args.out, args.resume, args.cluster, compiles=True)
+    run = SensitivityRun(load_ranges(args.ranges), args.n, args.seed)
+    summary = with_progress("sensitivity", run_sensitivity, run, args.out, args.resume, args.cluster, compiles=True)
     print_result(args, summary, summary_text(summary))

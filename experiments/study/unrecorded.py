@@ -1,6 +1,6 @@
 """Trials of simulated operators without recordings: the ticks of `phd study`, measured and not kept.
 
-Of worlds and sweeps; of a study's error bars; and of the paper's own rule for the low gain.
+Of samples and sweeps; of a study's error bars; and of the paper's own rule for the low gain.
 """
 
 import math

@@ -210,7 +210,7 @@ def test_progress_names_the_time_left_at_the_pace_since_it_began(monkeypatch, ca
     now = [100.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    progress = ProgressBar("worlds")
+    progress = ProgressBar("study")
     for after, share, left in ((2.0, 0.5, ""), (1200.0, 0.6, ", 1 h 20 min left"), (4760.0, 0.999, "")):
         now[0] += after
         progress(share)

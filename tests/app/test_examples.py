@@ -18,12 +18,12 @@ from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
 from experiments.protocol import load_protocol
 from experiments.protocol_file import ProtocolFile
+from experiments.sensitivity.ranges import AssumptionRange, RangesFile, load_ranges
+from experiments.sensitivity.run import SensitivityRun
 from experiments.simulate.cobot_scene import CobotSceneFile
 from experiments.simulate.scene import SceneFile
 from experiments.study.sweep import SweepFile, load_sweep
 from experiments.trial.population import PopulationFile, Spread
-from experiments.worlds.ranges import AssumptionRange, RangesFile, load_ranges
-from experiments.worlds.worlds import worlds_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 
@@ -81,10 +81,10 @@ def test_every_sweep_can_be_run(file):
 
 
 @pytest.mark.parametrize("file", sorted((EXAMPLES / "ranges").glob("*.toml")), ids=lambda file: file.stem)
-def test_every_ranges_file_gives_worlds_of_three_people(file):
+def test_every_ranges_file_gives_samples_of_three_people(file):
     ranges = load_ranges(file)
-    world = worlds_of(ranges, 2, 1)[0]
-    protocol, _ = ranges.study(world.values, world.seed)
+    sample = SensitivityRun(ranges, 2).samples()[0]
+    protocol, _ = ranges.study(sample.values, sample.seed)
     fixed = {name.partition(".")[2]: one.value for name, one in ranges.fixed.items() if name.startswith("assumptions.")}
     assert ranges.operators == 3
     assert {name: getattr(protocol.assumptions, name) for name in fixed} == fixed

@@ -122,7 +122,7 @@ def test_a_wrong_one_is_refused_in_one_sentence(tmp_path, capsys, changes, says)
 
 
 SWEEP = {
-    "name": "worlds",
+    "name": "combinations",
     "operators": 1,
     "repetitions": 1,
     "devices": ["mine"],

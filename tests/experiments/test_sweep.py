@@ -1,6 +1,6 @@
 """Sweeps: one table, resumed after a kill, refused in one sentence; no worker outlives one.
 
-That the table is the same whatever ran where is shown by `test_worlds`.
+That the table is the same whatever ran where is shown by `test_sensitivity`.
 """
 
 import itertools

@@ -1,37 +1,41 @@
-"""Ranges files: what each assumption of a simulated study may be, and the worlds that are drawn from them.
+"""Ranges files: what each number and choice that the paper does not print may be, and the samples drawn from them.
 
-An assumption is a choice or number that a simulated study makes and the paper does not print; a world is one set of
-assumptions. A range is {low, high} (`log = true`: even in the logarithm), a list of choices, or one value that all
-worlds have, with its source ("assumed" where nothing stands behind it). Where every range is one value, worlds differ
-in their people alone. The tables of a file, and what their keys are:
+A sample is one value of each range. A range is {low, high} (`log = true`: even in the logarithm), a list of choices, or
+one value that all samples have, with its source ("assumed" where nothing stands behind it). The tables of a file, and
+what their keys are:
 
-    [rules] [population]    the range itself: rule sets; populations, shipped or files
-    [assumptions.KEY]       a key of the table [assumptions] of protocols
-    [operator.KEY]          a number of a population file, for everyone
-    [operator_factor.KEY]   a factor on it; KEY may be how several begin: `stiffness`
-    [device."TABLE.KEY"]    a number of the device files that have it, as "mass.joint_C_kg"
+    [rules] [population]        the range itself: rule sets; populations, shipped or files, or "mixed"
+    [assumptions.KEY]           a key of the table [assumptions] of protocols
+    [operator.KEY]              a number of a population file, for everyone
+    [operator_factor.KEY]       a factor on it; KEY may be how several begin: `stiffness`
+    [device."TABLE.KEY"]        a number of the device files that have it, as "mass.joint_C_kg"
+    [device_factor."PATTERN"]   a factor on all numbers of the device files that match, as "geometry.L_*"; links then
+                                count as uniform rods, whose centre and inertia follow from length and mass
+    [path."NUMBER.KEY"]         x_m, y_m (the middle of a straight path), length_m or angle_deg. A path that a device
+                                cannot reach moves to the middle of the workspaces, and is then shortened, until it can
 """
 
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
-from scipy.stats.qmc import LatinHypercube
+from SALib.sample import latin
 
-from core.files import InputError, Table, parse_toml, read_text, shipped_or_file, toml_text
+from core.files import InputError, Table, parse_toml, read_text, shipped_or_file
 from experiments.assumptions import Assumptions
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_file import Count, Text
+from experiments.sensitivity.changed_files import changed_devices, changed_paths, changed_people, names_in
 from experiments.study.jobs import local_or_shipped
 from experiments.trial.operator import Person
 from experiments.trial.population import Population, load_population, population_of
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "ranges"
 DIGITS = 6  # of a number that is drawn
+MIXED = "mixed"  # each person is of one of the file's populations, in turn
 Value = str | float | int | bool
 
 
@@ -39,7 +43,7 @@ class AssumptionRange(Table, frozen=True):
     """The values that an assumption may take (one, {low, high} or choices), and their source."""
 
     source: Text
-    value: Value | None = None  # the same in all worlds
+    value: Value | None = None  # the same in all samples
     low: float | None = None
     high: float | None = None
     log: bool = False
@@ -90,6 +94,19 @@ class RangesFile(Table, frozen=True):
     operator: dict[str, AssumptionRange] = {}
     operator_factor: dict[str, AssumptionRange] = {}
     device: dict[str, AssumptionRange] = {}
+    device_factor: dict[str, AssumptionRange] = {}
+    path: dict[str, AssumptionRange] = {}
+
+
+#: The tables of a file that hold several ranges.
+TABLES = ("assumptions", "operator", "operator_factor", "device", "device_factor", "path")
+
+
+class SampledStudy(NamedTuple):
+    """What `phd study` would run for a sample."""
+
+    protocol: Protocol
+    populations: tuple[Population, ...]  # of the people 1, 2, .., in turn
 
 
 @dataclass(frozen=True)
@@ -104,52 +121,59 @@ class Ranges:
     ranges: Mapping[str, AssumptionRange]  # by column: "rules", "assumptions.low_gain", ..
     fixed: Mapping[str, AssumptionRange]  # those with one value, by the same names; no columns
 
-    def drawn(self, n: int, seed: int) -> np.ndarray:
-        """The shares (n, ranges) at which n worlds lie: a Latin hypercube."""
+    def shares(self, n: int, seed: int) -> np.ndarray:
+        """The shares (n, ranges) of the ranges at which n samples lie: a Latin hypercube."""
         if not self.ranges:
             return np.empty((n, 0))
-        return LatinHypercube(len(self.ranges), rng=np.random.default_rng(seed)).random(n)
+        return latin.sample(problem(self.ranges), n, seed=np.random.default_rng(seed))
 
     @property
     def labels(self) -> list[str]:
-        """The assumptions in words, in the order of `ranges`."""
+        """The ranges in words, in their order."""
         return [self.label(column) for column in self.ranges]
 
     def label(self, column: str) -> str:
-        """An assumption in words."""
-        assumption = self.ranges.get(column) or self.fixed[column]
-        return assumption.label or column.rpartition(".")[2].replace("_", " ")
+        """A range in words."""
+        found = self.ranges.get(column) or self.fixed[column]
+        return found.label or column.rpartition(".")[2].replace("_", " ")
 
     def values(self, shares: Sequence[float]) -> dict[str, Value]:
-        """The assumptions of a world at these shares, by column."""
+        """The values of a sample at these shares, by column."""
         pairs = zip(self.ranges.items(), shares, strict=True)
         return {name: assumption.at(float(share)) for (name, assumption), share in pairs}
 
-    def study(self, values: Mapping[str, Value], seed: int) -> tuple[Protocol, Population]:
-        """What `phd study` would run for a world; columns that are left out are as in the files. InputError if wrong"""
+    def study(self, values: Mapping[str, Value], seed: int) -> SampledStudy:
+        """What `phd study` would run with these values; columns that are left out are as in the files.
+
+        InputError if it cannot be run.
+        """
         tables: dict[str, dict[str, Value]] = {}
-        for column, value in (
-            {column: assumption.at(0.0) for column, assumption in self.fixed.items()} | dict(values)
-        ).items():
+        for column, value in ({name: of.at(0.0) for name, of in self.fixed.items()} | dict(values)).items():
             table, _, key = column.partition(".")
             tables.setdefault(table, {})[key] = value
-        where = f"world of {self.name}"
         overrides = self.protocol.overrides | {"seed": seed}
         if "rules" in tables:
             overrides["rules"] = tables["rules"][""]
         if "assumptions" in tables:
-            plain = msgspec.to_builtins(self.protocol.assumptions)
-            overrides["assumptions"] = {**plain, **tables["assumptions"]}
+            overrides["assumptions"] = {**msgspec.to_builtins(self.protocol.assumptions), **tables["assumptions"]}
         about = {**protocol_to_json(self.protocol), "overrides": overrides}
-        if "device" in tables:
-            about["devices"] = [
-                {**device, "file": _changed_device(device["file"], tables["device"])} for device in about["devices"]
-            ]
+        about["devices"] = changed_devices(about["devices"], tables.get("device", {}), tables.get("device_factor", {}))
+        if "path" in tables:
+            about["text"] = changed_paths(about["text"], about["devices"], tables["path"])
+        where = f"sample of {self.name}"
         chosen = str(tables["population"][""]) if "population" in tables else next(iter(self.populations))
-        text = self.populations[chosen]
-        if "operator" in tables or "operator_factor" in tables:
-            text = _changed_people(text, tables.get("operator", {}), tables.get("operator_factor", {}))
-        return protocol_from_json(about, where), population_of(text, f"{where}: population {chosen}")
+        names = tuple(self.populations) if chosen == MIXED else (chosen,)
+        numbers, factors = tables.get("operator", {}), tables.get("operator_factor", {})
+        people = tuple(
+            population_of(changed_people(self.populations[name], numbers, factors), f"{where}: population {name}")
+            for name in names
+        )
+        return SampledStudy(protocol_from_json(about, where), people)
+
+
+def problem(ranges: Mapping[str, AssumptionRange]) -> dict:
+    """The ranges as SALib describes a problem: their shares, 0 to 1."""
+    return {"num_vars": len(ranges), "names": list(ranges), "bounds": [[0.0, 1.0]] * len(ranges)}
 
 
 def load_ranges(name_or_path: str | Path) -> Ranges:
@@ -158,11 +182,11 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
     text = read_text(path)
     file = parse_toml(text, RangesFile, str(path))
     given = {table: assumption for table in ("rules", "population") if (assumption := getattr(file, table)) is not None}
-    for table in ("assumptions", "operator", "operator_factor", "device"):
+    for table in TABLES:
         given |= {f"{table}.{key}": assumption for key, assumption in getattr(file, table).items()}
     if not given:
         raise InputError(f"{path}: holds no range")
-    names = [str(population) for population in file.population.ends] if file.population else ["average"]
+    names = [str(name) for name in file.population.ends if name != MIXED] if file.population else ["average"]
     populations = {name: load_population(local_or_shipped(path, name)).text for name in names}
     ranges = {column: assumption for column, assumption in given.items() if assumption.value is None}
     fixed = {column: assumption for column, assumption in given.items() if assumption.value is not None}
@@ -177,55 +201,26 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
 def _check(ranges: Ranges, column: str, assumption: AssumptionRange, where: str) -> None:
     """InputError unless each end of a range, with all else as in the files, makes a study."""
     table, _, key = column.partition(".")
-    known: dict[str, Callable[[str], bool]] = {
-        "assumptions": lambda name: name in Assumptions.__struct_fields__,
-        "operator": lambda name: name in Person._fields,
-        "operator_factor": lambda name: bool(_begin_with(name)),
-        "device": lambda name: any(_number_at(tomllib.loads(d.text), name) for d in ranges.protocol.devices),
+    known = {
+        "assumptions": Assumptions.__struct_fields__,
+        "operator": Person._fields,
+        "operator_factor": [name[:end] for name in Person._fields for end in (*_ends_of_words(name), len(name))],
+        "path": [f"{n}.{name}" for n in ranges.protocol.paths for name in ("x_m", "y_m", "length_m", "angle_deg")],
     }
-    if table in known and not known[table](key):
+    if table in known and key not in known[table]:
         raise InputError(f"{where}: {column}: there is no such number of {table.replace('_', ', ')}")
+    if table.startswith("device") and not any(names_in(device.text, key) for device in ranges.protocol.devices):
+        raise InputError(f"{where}: {column}: no device has such a number")
     if table in ("rules", "population") and assumption.low is not None:
         raise InputError(f"{where}: {column}: must hold choices")
+    placed = {name: of.at(0.5) for name, of in ranges.ranges.items() if name.startswith("path.")}  # as in samples
     for value in assumption.ends:
         for population in ranges.populations if table.startswith("operator") else (next(iter(ranges.populations)),):
             try:
-                ranges.study({"population": population, column: value}, 0)
+                ranges.study({**placed, "population": population, column: value}, 0)
             except InputError as error:
                 raise InputError(f"{where}: {column}: {value!r} cannot be: {error}") from None
 
 
-def _changed_device(text: str, numbers: Mapping[str, Value]) -> str:
-    """A device file with these numbers in place of its own, where it has them."""
-    content = tomllib.loads(text)
-    holders = {name: holder for name in numbers if (holder := _number_at(content, name))}
-    for name, holder in holders.items():
-        holder[name.rpartition(".")[2]] = numbers[name]
-    return toml_text(content) if holders else text
-
-
-def _number_at(content: dict[str, Any], name: str) -> dict[str, Any] | None:
-    """The table of a file that holds this number; None: the file does not have it."""
-    *tables, key = name.split(".")
-    for table in tables:
-        content = content.get(table, {})
-        if not isinstance(content, dict):
-            return None
-    return content if isinstance(content.get(key), int | float) else None
-
-
-def _changed_people(text: str, numbers: Mapping[str, Value], factors: Mapping[str, Value]) -> str:
-    """A population file with these numbers for everyone, and these factors on others."""
-    content = tomllib.loads(text)
-    for key, value in numbers.items():
-        content[key] = {"value": value, "source": "assumed: of a world"}
-    for beginning, factor in factors.items():
-        for key in (name for name in _begin_with(beginning) if name in content):
-            spread = content[key]
-            scaled = {key: float(factor) * number for key, number in spread.items() if key != "source"}
-            content[key] = {**scaled, "source": f"assumed: {factor:g} times {spread['source']}"}
-    return toml_text(content)
-
-
-def _begin_with(name: str) -> list[str]:
-    return [key for key in Person._fields if key == name or key.startswith(f"{name}_")]
+def _ends_of_words(name: str) -> list[int]:
+    return [place for place, letter in enumerate(name) if letter == "_"]

@@ -1,1 +1,0 @@
-"""Many worlds: which sets of assumptions produce the paper's findings."""
