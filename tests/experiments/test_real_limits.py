@@ -139,6 +139,20 @@ def test_what_must_not_be_ends_the_trial_and_the_currents_at_that_sample(
     assert outcome["status"] == "aborted" and reason in outcome["reason"]
 
 
+@pytest.mark.parametrize("measured", [7.0, 1e6, math.inf, math.nan, -1.0])
+def test_a_measured_current_that_no_brake_can_have_gives_no_torque_that_none_can_have(
+    held: RealBench, measured: float
+) -> None:
+    trial, link, n = told_trial(held)
+    rows = []
+    for k in range(1, 400):
+        link.next = sample(n + k, tip=(-0.08, 0.41), velocity=(0.05, 0.02), current=(measured,) * 4)
+        rows += trial.exchange()
+    torques = np.array(rows)[:, tick_log.TORQUE : tick_log.TORQUE + 4]
+    most = max(brake.torque_gain(brake.current_max_A) for brake in held.device.brake_files.values())
+    assert np.isfinite(torques).all() and torques.any() and np.abs(torques).max() <= most + 1e-9
+
+
 def test_encoders_of_no_pose_are_borne_for_some_samples_and_then_end_the_trial(held: RealBench) -> None:
     trial, link, n = told_trial(held)
     for k in range(1, 10):

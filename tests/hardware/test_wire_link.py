@@ -16,7 +16,7 @@ from hardware.sensing.samples import ZERO_SAMPLES
 from hardware.serial_device import Connection, SerialDevice
 from hardware.serial_port import find_port, usb_ports
 from hardware.wire.frames import FrameDecoder
-from hardware.wire.messages import Command, Limits, State, unpack
+from hardware.wire.messages import Bye, Command, Limits, State, unpack
 
 
 @pytest.fixture
@@ -71,6 +71,14 @@ def test_a_current_that_makes_no_sense_is_zero_on_the_wire_and_none_is_above_the
         run(link, 3, currents)
     sent = map(unpack, FrameDecoder().feed(b"".join(bench.heard)))
     assert {command.current_mA for command in sent if isinstance(command, Command)} == {(0, 0, 1000, 250)}
+
+
+def test_closing_sends_zero_before_it_says_goodbye(bench: Bench, link: SerialDevice) -> None:
+    run(link, 20, (0.2,) * 4)
+    bench.heard.clear()
+    link.close()
+    *_, last, goodbye = map(unpack, FrameDecoder().feed(b"".join(bench.heard)))
+    assert isinstance(last, Command) and last.current_mA == (0,) * 4 and isinstance(goodbye, Bye)
 
 
 @pytest.mark.parametrize(
