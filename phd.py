@@ -6,7 +6,8 @@
     phd.boxes(trials, "path_error_m")
 
 Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input raises InputError, one sentence. No file
-is written, and importing changes nothing in your process.
+is written, and importing changes nothing in your process. While kernels are compiled, on first use, stderr says which
+of how many.
 """
 
 import tempfile
@@ -17,6 +18,7 @@ from typing import Any
 
 import pandas as pd
 
+from app.progress import watch_compiling
 from core.device import Device, load_device
 from core.files import InputError
 from experiments.analysis.charts import boxes as _boxes
@@ -49,6 +51,7 @@ def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFra
     scene: a file, or its text (several lines), whose paths are then relative to `folder` (default: the current one).
     attrs["summary"]: what the verb prints; its warnings are raised as Python's.
     """
+    watch_compiling()
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary) / "motion.csv"
         text = str(scene) if "\n" in str(scene) else None
@@ -75,6 +78,7 @@ def run_study(
     overrides: seed, rules, low_gain in place of the protocol's.
     """
     people = load_population(population)
+    watch_compiling()
     load_kernels()
     chosen = with_low_gain_found(load_protocol(protocol, devices=devices, **overrides), people)
     trials = as_table(row for row, _ in study_trials(chosen, people, operators))
@@ -115,6 +119,7 @@ def replay(file: str | Path, controller: int | None = None, device: str | None =
 
     controller: by its number in the protocol; None: the recorded one. attrs["summary"]: what the verb prints.
     """
+    watch_compiling()
     load_kernels()
     summary = _replay(file, Replacement(controller, device))
     frame = pd.DataFrame.from_dict(summary["metrics"], orient="index", columns=["before", "after", "change"])

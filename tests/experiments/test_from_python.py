@@ -12,6 +12,8 @@ import pytest
 from protocols import short
 
 import phd
+from app.progress import CompileProgress
+from core.kernels.cache import watchers
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import read_table
 from experiments.simulate.scene import read_scene
@@ -78,6 +80,24 @@ assert state() == before, "something changed"
 assert not {"matplotlib", "PySide6"} & set(sys.modules), "slow to import"
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_on_first_use_stderr_says_which_kernel_of_how_many_is_compiled(monkeypatch: pytest.MonkeyPatch):
+    class Seen(Exception):
+        pass
+
+    def compiles():
+        assert [type(watcher) for watcher in watchers] == [CompileProgress]
+        raise Seen
+
+    monkeypatch.setattr("phd.load_kernels", compiles)
+    try:
+        for call in (lambda: phd.run_study("paper", operators=1), lambda: phd.replay("none")):
+            watchers.clear()
+            with pytest.raises(Seen):
+                call()
+    finally:
+        watchers.clear()
 
 
 def test_the_door_has_a_dozen_names_at_most_and_each_is_explained():
