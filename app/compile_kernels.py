@@ -1,12 +1,14 @@
-"""`python -m app.compile_kernels`: compile what the first study, simulation and live trial need, once, for the set-up.
+"""`python -m app.compile_kernels`: compile what the first study, simulation and live trial need, once.
 
-Two processes share the work: each finds on disk the parts of kernels that the other has compiled (see
-`core.kernels.compiler`).
+With `--no-window`, as the set-up of a verb without one: all but the control loop. Two processes share the work: each
+finds on disk the parts of kernels that the other has compiled (see `core.kernels.compiler`). A third would bring
+nothing: linking, which is what takes longest, cannot be shared.
 """
 
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 
@@ -24,6 +26,8 @@ from experiments.study.unrecorded import person_of, run_measured, switched_on, t
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
 
+NO_WINDOW, SECOND = "--no-window", "--second"
+
 
 def compile_trials() -> None:
     """Run a trial of a simulated operator on one path, with its measures; then load what a real device needs."""
@@ -34,33 +38,36 @@ def compile_trials() -> None:
     load_kernels()
 
 
-def compile_scene_and_loop() -> None:
-    """Run a step of a scene, which needs every integrator; then the control loop."""
+def compile_scene() -> None:
+    """Run a step of a scene, which needs every integrator."""
     Simulation(load_device("three-brake"), (0.0, 0.4)).run(1e-3, 1e-3, np.zeros(4))
-    field_around(build_path(Segment((-0.1, 0.4), (0.1, 0.4)), "path"), np.array([[0.0, 0.38]]), 1.0)  # as it is drawn
+
+
+def compile_loop() -> None:
+    """Run the control loop, and work out a field as the window draws it."""
+    field_around(build_path(Segment((-0.1, 0.4), (0.1, 0.4)), "path"), np.array([[0.0, 0.38]]), 1.0)
     run_stopped_trial()
 
 
 def main() -> int:
-    """Compile everything and store it, with a progress bar. Exit code 1 if the second process failed.
+    """Compile everything and store it, with a progress bar. Exit code 1 if a process failed.
 
     Nothing is compiled where it could not be stored.
     """
     if INTERPRETED:
         return 0
-    tellers[:] = [lambda sentence: print("phd:", sentence, file=sys.stderr)]
+    tellers[:] = [say]
     place = cache_place()
     if place.folder is None or (place.wrong and not place.handed_down):
         return 0
-    if sys.argv[1:] == ["scene-and-loop"]:
-        compile_scene_and_loop()
-        return 0
+    rest = (compile_scene,) if NO_WINDOW in sys.argv else (compile_scene, compile_loop)
+    if SECOND in sys.argv:
+        return compiled(*rest)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the second process ends with this one
-    second = subprocess.Popen([sys.executable, "-m", "app.compile_kernels", "scene-and-loop"])
+    second = subprocess.Popen([sys.executable, "-m", "app.compile_kernels", SECOND, *sys.argv[1:]])
     try:
         watch_compiling()
-        compile_trials()
-        failed = second.wait()
+        failed = compiled(compile_trials) or second.wait()
     finally:
         second.terminate()
     if failed:
@@ -68,6 +75,21 @@ def main() -> int:
     removed = f"; {place.removed} unused versions removed" if place.removed else ""
     print(f"kernels: compiled{removed}")
     return 0
+
+
+def compiled(*shares: Callable[[], None]) -> int:
+    """Compile these shares of the work; 1 if that failed, for which a sentence is on stderr."""
+    try:
+        for share in shares:
+            share()
+    except Exception as error:
+        say(f"{share.__name__}: {type(error).__name__}: {error}")
+        return 1
+    return 0
+
+
+def say(sentence: str) -> None:
+    print("phd:", sentence, file=sys.stderr)
 
 
 if __name__ == "__main__":

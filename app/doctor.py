@@ -174,7 +174,7 @@ def load() -> Check:
 
 
 def kernels() -> Check:
-    """Whether the kernels of a trial are compiled and can be stored. Damaged files are removed."""
+    """Whether the kernels are compiled, the control loop's last, and can be stored. Damaged files are removed."""
     place = cache_place()
     if place.wrong:
         advice = "Give yourself that folder, or remove it: until then each command compiles for itself, half a minute."
@@ -190,10 +190,10 @@ def kernels() -> Check:
             f"no more kernels can be stored: {no_room}",
             "Make room on that disk: until then each command compiles again.",
         )
-    if is_compiled("run_ticks"):
+    if is_compiled("run_trial"):
         return check("kernels", f"compiled, in {place.folder}{of_other_versions(place.folder)}")
-    advice = "The first trial or study compiles them, a quarter of a minute; nothing to do."
-    return check("kernels", f"not compiled yet ({place.folder})", advice)
+    advice = "The window compiles them as it opens, up to a minute; nothing to do."
+    return check("kernels", f"not all compiled yet ({place.folder})", advice)
 
 
 def of_other_versions(folder: Path) -> str:

@@ -59,7 +59,7 @@ def main() -> int:
     if sys.platform == "linux" and opens_window(arguments):
         install_qt_libraries()
     if Path(sys.prefix).resolve() != VENV.resolve():  # .venv may be a link to another disk
-        set_up(kind)
+        set_up(kind, not tests and opens_window(arguments))
         return DONE if WINDOWS else exec_python(PYTHON, __file__, *arguments)
     if not is_ready(kind):
         return NOT_READY if WINDOWS else exec_python(sys._base_executable, __file__, *arguments)  # type: ignore[attr-defined]
@@ -119,10 +119,10 @@ def place() -> str:
     return ""
 
 
-def set_up(kind: str) -> None:
-    """Make the .venv or update it, one process at a time."""
+def set_up(kind: str, window: bool) -> None:
+    """Make the .venv or update it, one process at a time; window: for a command that opens one."""
     try:
-        _set_up(kind)
+        _set_up(kind, window)
     except OSError as error:
         where, why = error.filename or ROOT, (error.strerror or str(error)).lower()
         state = "is not set up yet"
@@ -135,7 +135,7 @@ def set_up(kind: str) -> None:
         )
 
 
-def _set_up(kind: str) -> None:
+def _set_up(kind: str, window: bool) -> None:
     """As `set_up`. OSError: the disk or the rights do not allow it."""
     with one_at_a_time():
         if is_ready(kind):
@@ -148,7 +148,7 @@ def _set_up(kind: str) -> None:
             old.unlink()
         if not update:
             make_venv()
-        if not fill(kind):
+        if not fill(kind, window):
             if update:
                 stamp.write_text(f"{known}\n", encoding="utf-8")  # not killed: next time update again
             stop("the set-up failed: pip could not install what constraints.txt pins (see above). Run it again.")
@@ -169,15 +169,20 @@ def make_venv() -> None:
         stop("no .venv: python -m venv failed (see above)")
 
 
-def fill(kind: str) -> bool:
-    """Install the pinned packages and compile the kernels meanwhile; whether pip succeeded."""
+def fill(kind: str, window: bool) -> bool:
+    """Install the pinned packages and compile the kernels meanwhile; whether pip succeeded.
+
+    A window is not kept waiting: it opens, and says that it compiles the rest.
+    """
     keep_bytecode()
     extras = "[test]" if kind == "test" else ""
     if not pip_install(*KERNEL_PACKAGES):
         return False
-    compiling = subprocess.Popen([PYTHON, "-m", "app.compile_kernels"], cwd=ROOT, **QUIET)
+    compiling = subprocess.Popen([PYTHON, "-m", "app.compile_kernels", "--no-window"], cwd=ROOT, **QUIET)
     installed = pip_install("-e", f".{extras}")
-    if compiling.wait() != 0:
+    if window:
+        compiling.terminate()
+    if compiling.wait() != 0 and not window:
         say("the kernels could not be compiled now: each verb compiles its own on first use")
     return installed
 

@@ -39,7 +39,7 @@ def compile_kernels() -> bool:
 
     Whether to go on: False once that window is closed.
     """
-    if is_compiled("run_ticks"):
+    if is_compiled("run_trial"):
         return True
     bar = QProgressDialog("Setting up for this computer, once: a minute, or a few if it is busy.", "", 0, 100)
     bar.setBar(QProgressBar(textVisible=False))

@@ -41,7 +41,7 @@ numba.config.SLP_VECTORIZE = 1
 
 
 class _Progress:
-    """How many kernels of an entry are compiled."""
+    """How many kernels of an entry are compiled, here or by another process."""
 
     done = of = 0
 
@@ -247,6 +247,7 @@ class PartCache(EntryCache):
 
     def rebuilt(self, target: Any, stored: Any) -> Any:
         """The part again, with the libraries of the parts that it calls."""
+        _Progress.done += 1  # another process has compiled it
         code, callees, (description, environment, types), reload_init, environments = stored
         library = PartLibrary.from_code(target.codegen(), *code)
         called = self.part.called()

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 from protocols import short
 
+from app.compile_kernels import compiled
 from app.progress import watch_compiling
 from core.kernels.cache import LINKING, watchers
 
@@ -25,9 +26,9 @@ print(*names)
 """
 
 
-def run_python(*arguments: str) -> str:
-    """What a new process prints that compiles."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
+def run_python(*arguments: str, **more: str) -> str:
+    """What a new process prints that compiles. more: of its environment."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", **more}
     done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -45,17 +46,36 @@ instant = Instant(device, (0.0, 0.38))
 assert directions(device, instant.g, field_at_rest(path, instant.tip, 1.0))
 """
 
+#: as the window asks before it compiles
+IS_COMPILED = 'from core.kernels.cache import is_compiled\nprint(is_compiled("run_trial"))'
 
-def test_after_the_set_up_a_study_a_simulation_a_live_trial_and_the_window_compile_nothing(tmp_path) -> None:
-    said = run_python("-m", "app.compile_kernels")
+
+def compiled_by(code: str, **environment: str) -> str:
+    """The kernels that a new process compiles that runs this code."""
+    return run_python("-c", COUNTED.format(code=code), **environment).splitlines()[-1]
+
+
+def test_after_the_set_up_a_study_and_a_simulation_compile_nothing_and_later_no_live_trial(tmp_path) -> None:
+    kept = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    said = run_python("-m", "app.compile_kernels", "--no-window", **kept)
     assert said == "kernels: compiled\n"  # a bar, or lines in its place, are on stderr
     (tmp_path / "short.toml").write_text(short(paths=1).text)
     study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
     scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
     verbs = f"from app.cli import main\nassert main({study}) == main({scene}) == 0\n"
-    trial = "from app.loop.loop import run_stopped_trial\nrun_stopped_trial()"
-    compiled = run_python("-c", COUNTED.format(code=verbs + trial + DRAWING)).splitlines()[-1]
-    assert compiled == ""
+    assert compiled_by(verbs, **kept) == ""
+    assert run_python("-c", IS_COMPILED, **kept) == "False\n"
+    assert run_python("-m", "app.compile_kernels", **kept) == "kernels: compiled\n"
+    assert run_python("-c", IS_COMPILED, **kept) == "True\n"
+    assert compiled_by("from app.loop.loop import run_stopped_trial\nrun_stopped_trial()" + DRAWING, **kept) == ""
+
+
+def test_what_cannot_be_compiled_is_one_sentence(capsys) -> None:
+    def compile_trials() -> None:
+        raise TypeError("no such number")
+
+    assert compiled(compile_trials) == 1
+    assert capsys.readouterr().err == "phd: compile_trials: TypeError: no such number\n"
 
 
 def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:

@@ -101,7 +101,7 @@ def test_without_a_screen_that_is_bad_and_says_what_still_works(monkeypatch: pyt
 
 
 def test_kernels_are_compiled_once_those_of_a_trial_are_whatever_else_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, state in (("start", CAUTION), ("run_ticks", GOOD)):
+    for name, state in (("start", CAUTION), ("run_trial", GOOD)):
         monkeypatch.setattr(doctor, "is_compiled", lambda kernel, name=name: kernel == name)
         assert doctor.kernels().state == state
 

@@ -58,7 +58,11 @@ for word in sys.argv:
         sys.exit(1)
 sys.exit(interpreted and int(os.environ.get("INTERPRETED_CODE", 0)))
 """
-COMPILE = "print('compile', file=log)\nsys.exit(bool(os.environ.get('COMPILING_FAILS')))\n"
+COMPILE = """
+print("compile", *sys.argv[1:], file=log, flush=True)
+time.sleep(float(os.environ.get("COMPILING_S", 0)))
+sys.exit(bool(os.environ.get("COMPILING_FAILS")))
+"""
 COMMAND = """
 import sys
 def main():
@@ -140,7 +144,7 @@ def test_first_use_sets_up_once_and_hands_arguments_and_exit_codes_on(tree: Tree
     first, second = tree.calls("pip")
     assert all("-c constraints.txt" in call for call in (first, second))
     assert " numba " in first and "-e ." not in first and second.endswith("-e .")
-    assert tree.calls("compile") == ["compile"]
+    assert tree.calls("compile") == ["compile --no-window"]
     before = tree.log.read_text()
     again = tree.run("doctor", "fails")
     assert (again.returncode, again.stdout, again.stderr) == (7, "phd was given: doctor fails\n", "")
@@ -151,6 +155,13 @@ def test_the_set_up_stands_where_the_kernels_cannot_be_compiled(tree: Tree) -> N
     done = tree.run("doctor", COMPILING_FAILS="yes")
     assert done.returncode == 0 and "could not be compiled now" in done.stderr
     assert tree.run("doctor").stderr == ""
+
+
+def test_a_window_is_not_kept_waiting_for_the_kernels(tree: Tree) -> None:
+    begun = time.perf_counter()
+    done = tree.run("run", COMPILING_S="100")
+    assert (done.returncode, done.stdout) == (0, "phd was given: run\n"), done.stderr
+    assert time.perf_counter() - begun < 100 and "could not be compiled" not in done.stderr
 
 
 def test_changed_pins_bring_the_environment_up_to_date(tree: Tree) -> None:
@@ -402,9 +413,10 @@ class Missing:
         if name.partition(".")[0] in {others!r}:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Missing())
-from app.compile_kernels import compile_scene_and_loop, compile_trials
+from app.compile_kernels import compile_loop, compile_scene, compile_trials
 compile_trials()
-compile_scene_and_loop()
+compile_scene()
+compile_loop()
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=280)
 

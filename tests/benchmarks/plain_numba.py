@@ -14,7 +14,8 @@ import time
 from app import compile_kernels as set_up
 start = time.process_time()
 set_up.compile_trials()
-set_up.compile_scene_and_loop()
+set_up.compile_scene()
+set_up.compile_loop()
 print(time.process_time() - start)
 """
 TRIALS = """
