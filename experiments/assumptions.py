@@ -24,7 +24,6 @@ class Assumptions(Table, frozen=True):
     """One set of assumptions. To add one: its line here, and what it changes."""
 
     # the brakes of the simulated device
-    fidelity: Annotated[str, choice("ideal", "static", "mr")] = "mr"  # ideal: as asked, at once, no drag; static: K(I)
     lag_factor: Positive = 1.0  # of both time constants, Eq. (4)
     drag_factor: NotNegative = 1.0  # of the torque without current, k_2
     torque_factor: Positive = 1.0  # of the torque that current adds, K - k_2
@@ -43,15 +42,9 @@ class Assumptions(Table, frozen=True):
         own, usual = msgspec.structs.asdict(self), msgspec.structs.asdict(DEFAULTS)
         return {name: value for name, value in own.items() if value != usual[name]}
 
-    @property
-    def simulated_fidelity(self) -> str:
-        """The simulator's fidelity: "ideal" brakes are static ones without drag, so they give what is asked of them."""
-        return "mr" if self.fidelity == "mr" else "static"
-
     def applied_to(self, device: Device) -> Device:
         """The device to simulate: with the brakes that are assumed, which its controllers know."""
-        drag = 0.0 if self.fidelity == "ideal" else self.drag_factor
-        factors = self.lag_factor, drag, self.torque_factor
+        factors = self.lag_factor, self.drag_factor, self.torque_factor
         if (*factors, self.backlash_deg) != (1.0, 1.0, 1.0, None):
             return with_brakes(device, lambda brake: brake.changed(*factors, self.backlash_deg))
         return device

@@ -205,8 +205,7 @@ class Sandbox:
         """The settings that cannot be changed with this device and hand."""
         if self.real:
             return ONLY_SIMULATED
-        fixed = () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
-        return fixed if self._protocol.assumptions.simulated_fidelity == "mr" else (*fixed, "backlash_deg")
+        return () if INPUTS[self._setup.hand].by_pointer else ("spring_N_m",)
 
     @property
     def comes_home(self) -> bool:
@@ -340,7 +339,7 @@ class Sandbox:
             tip = path.x1, path.y1
             self._release_handle()
         hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
-        return SimulatedDevice(device, tip, hand, p.assumptions.simulated_fidelity)
+        return SimulatedDevice(device, tip, hand)
 
     def _device_file(self, name: str) -> Device:
         """A device of the protocol; a simulated one under the assumptions."""

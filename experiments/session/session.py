@@ -267,7 +267,7 @@ class Session:
             hand = None if self.person else self.protocol.mouse.hand()
             assumed = self.protocol.assumptions
             device = assumed.applied_to(self.protocol.device(configuration))
-            self._simulations[configuration] = SimulatedDevice(device, tip, hand, assumed.simulated_fidelity)
+            self._simulations[configuration] = SimulatedDevice(device, tip, hand)
             self._simulations[configuration].hand.grips["target"][0, :2] = tip
         return self._simulations[configuration]
 

@@ -151,7 +151,7 @@ class ReplayedDevice(SimulatedDevice):
         """whole: from the trial's first tick, on the device that it was recorded on; else from the first of `move`."""
         x, y = (float(trial.recording.column(name)[0 if whole else trial.first]) for name in ("tip_x_m", "tip_y_m"))
         assumed = trial.stored.protocol.assumptions
-        super().__init__(assumed.applied_to(device), (x, y), hand, assumed.simulated_fidelity)
+        super().__init__(assumed.applied_to(device), (x, y), hand)
         self.recorded, self.whole = trial, whole
 
     def begin(self) -> None:

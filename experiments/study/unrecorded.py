@@ -36,7 +36,7 @@ from experiments.trial.trial import Conditions, SimulatedTrial, Trial
 #: Ticks that one block of rows holds: more than a trial of the paper's protocol can have.
 BLOCK_TICKS = 65_536
 _BLOCK = np.empty((BLOCK_TICKS, tick_log.WIDTH))  # takes memory as it is written
-BRAKES = {"static": "brakes without lag and backlash", "mr": "brakes with lag and backlash"}
+BRAKES = "brakes without lag and backlash"
 BAND_HZ = 20.0, 100.0  # assumed
 DETECTED_M_S2 = 0.1  # rms; assumed
 PEOPLE = 3
@@ -53,7 +53,7 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
 def switched_on(device: Device, protocol: Protocol) -> SimulatedDevice:
     """A device under the protocol's assumptions as a session begins: at rest in the middle of the first path."""
     assumed, middle = protocol.assumptions, middle_of_first(protocol.paths)
-    return SimulatedDevice(assumed.applied_to(device), middle, fidelity=assumed.simulated_fidelity)
+    return SimulatedDevice(assumed.applied_to(device), middle)
 
 
 def trial_of(
@@ -142,8 +142,6 @@ def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Mo
     change and measure, in order; label: of the participant that the person is.
     """
     devices = {device.name: switched_on(device, protocol) for device in protocol.devices}
-    assumed = protocol.assumptions.simulated_fidelity
-    other = "static" if assumed == "mr" else "mr"  # the fidelity that the study does not assume
 
     def measured(planned: PlannedTrial, person: Person, device: SimulatedDevice, substeps: int = 1) -> TrialRow:
         preset = protocol.controllers[int(planned.controller)]
@@ -158,8 +156,8 @@ def simulation_errors(protocol: Protocol, person: Person, label: str) -> list[Mo
         device = devices[planned.configuration]
         start, tip = device.recorded_start(), device.tip
         before = measured(planned, person, device)
-        for change in (STEP, HAND, BRAKES[other]):
-            again = SimulatedDevice(device.device, tip, fidelity=other if change == BRAKES[other] else assumed)
+        for change in (STEP, HAND, BRAKES):
+            again = SimulatedDevice(device.device, tip, fidelity="static" if change == BRAKES else "mr")
             start_again(again, start)
             someone = person._replace(bias_m=person.bias_m + ASIDE_M) if change == HAND else person
             after = measured(planned, someone, again, SUBSTEPS if change == STEP else 1)

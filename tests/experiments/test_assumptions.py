@@ -53,7 +53,7 @@ def test_the_command_lines_low_gain_stands_above_the_files():
 
 WRONG = {
     "unknown key": ("friction = 1.0", "unknown key assumptions.friction"),
-    "unknown word": ('fidelity = "best"', "assumptions.fidelity must be one of ideal, static, mr, not 'best'"),
+    "unknown word": ('sensing = "best"', "assumptions.sensing must be one of ideal, encoders, not 'best'"),
     "negative": ("drag_factor = -1.0", "assumptions.drag_factor must be at least 0, not -1.0"),
     "no lag at all": ("lag_factor = 0.0", "assumptions.lag_factor must be greater than 0, not 0.0"),
     "infinite": ("lag_factor = inf", "assumptions.lag_factor must be finite"),
@@ -87,7 +87,7 @@ def gains(brakes) -> list[float]:
 
 
 def test_under_the_defaults_the_device_is_the_one_of_its_file():
-    assert DEFAULTS.applied_to(THREE) is THREE and DEFAULTS.simulated_fidelity == "mr"
+    assert DEFAULTS.applied_to(THREE) is THREE
     assert all(DEFAULTS.controller(preset) is preset for preset in PAPER.controllers.values())
 
 
@@ -108,12 +108,11 @@ def test_the_drag_factor_changes_the_torque_without_current_and_leaves_the_field
     assert device.assumed and device.force_normalised_N == pytest.approx((5.3 - 0.35) / 0.3048)
 
 
-def test_ideal_brakes_do_what_the_controller_asks_for_and_have_no_drag():
-    ideal = brakes_under(fidelity="ideal")
-    assert torque_gain(ideal, 0, 0.0) == 0.0
+def test_brakes_without_drag_do_what_the_controller_asks_for():
+    free = brakes_under(drag_factor=0.0)
+    assert torque_gain(free, 0, 0.0) == 0.0
     for torque in (0.01, 0.3, 1.0, 4.0):
-        assert torque_gain(ideal, 0, current_for_torque(ideal, 0, torque)) == pytest.approx(torque, rel=1e-12)
-    assert Assumptions(fidelity="ideal").simulated_fidelity == Assumptions(fidelity="static").simulated_fidelity
+        assert torque_gain(free, 0, current_for_torque(free, 0, torque)) == pytest.approx(torque, rel=1e-12)
 
 
 def test_backlash_is_that_of_every_brake():

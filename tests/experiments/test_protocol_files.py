@@ -157,7 +157,7 @@ def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path):
 WRONG_SWEEPS = {
     "no value": ({"lag_factor": []}, "assumptions.lag_factor"),
     "no list": ({"lag_factor": 2.0}, "assumptions.lag_factor must be a list, not a number"),
-    "a wrong value": ({"fidelity": ["mr", "best"]}, "value 2 of assumptions.fidelity must be one of ideal, static, mr"),
+    "a wrong value": ({"sensing": ["ideal", "best"]}, "value 2 of assumptions.sensing must be one of ideal, encoders"),
     "twice the same": ({"backlash_deg": [1.0, 1.0]}, "assumptions.backlash_deg: the same value is given twice"),
     "a gain": ({"low_gain": [5.0]}, "unknown key assumptions.low_gain"),
 }

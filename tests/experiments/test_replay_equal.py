@@ -248,8 +248,7 @@ def test_energy_from_a_brake_is_a_doubt_whatever_else_the_ledger_says():
 
 
 WORLDS = {
-    "ideal brakes": 'fidelity = "ideal"',
-    "static brakes": 'fidelity = "static"',
+    "brakes without drag": "drag_factor = 0.0",
     "slow brakes with drag": "lag_factor = 3.0\ndrag_factor = 2.0\nbacklash_deg = 0.0",
     "encoders": 'sensing = "encoders"\ndelay_samples = 4\nfilter_samples = 21',
     "full gap, another low gain": 'gap_reading = "full"\nlow_gain = 200.0',

@@ -18,7 +18,7 @@ from experiments.trial.trial import Conditions, SimulatedTrial
 PAPER = load_protocol()
 PROTOCOL = replace(PAPER, devices=PAPER.devices[:1], blocks=1)
 PERSON = person_of(load_population(), PROTOCOL.seed, 1)
-LAGLESS = unrecorded.BRAKES["static"]
+LAGLESS = unrecorded.BRAKES
 
 
 @pytest.fixture(scope="module")

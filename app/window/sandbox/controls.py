@@ -45,7 +45,7 @@ HINTS = {
     "blend_width_m": "From this distance on you are guided straight to the path; nearer, more and more along it.",
     "spring_N_m": "How stiff the spring is by which the pointer pulls the handle.",
     "brake_strength": "How strong the simulated brakes are, of what they really have.",
-    "backlash_deg": "So far a joint turns freely before its brake grips; only brakes simulated in full (mr) have it.",
+    "backlash_deg": "So far a joint turns freely before its brake grips.",
 }
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
 
