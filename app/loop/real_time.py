@@ -135,7 +135,7 @@ def run_trial(controls, ring, row, timer, trial):
 
     row: room for a tick.
     """
-    control, run, grip, state = controls[0], trial.run[0], trial.data.hand.grips[0], trial.data.state[0]
+    control, run, grip, body = controls[0], trial.run[0], trial.data.hand.grips[0], trial.data.body[0]
     force_max = grip.force_max
     k_xx, k_xy, k_yy = grip.stiffness[0], grip.stiffness[1], grip.stiffness[2]
     control.begun = deadline = now_ns(timer)
@@ -143,7 +143,7 @@ def run_trial(controls, ring, row, timer, trial):
         late, deadline = due(control, deadline, timer)
         end_early(controls, trial.run, control.loop_beat, ring.shape[0])
         if run.simulated_hand == 0:
-            take_aim(control, grip, state.tip, run.phase, force_max)
+            take_aim(control, grip, body.tip, run.phase, force_max)
             run.held = 1 if control.push_count != 0 else control.taken
             share = grip_share(control)
             grip.stiffness[0], grip.stiffness[1], grip.stiffness[2] = share * k_xx, share * k_xy, share * k_yy

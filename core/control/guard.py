@@ -29,7 +29,7 @@ from core.mechanism import Brakes, Mechanism
 from core.obstacles import MOST_EDGES, ObstacleFile, away_from, build_obstacles, nearest_obstacle, next_obstacle
 from core.ranges import Push, SmallLength
 from core.records import new_record
-from core.simulator.state import new_state, pack_brakes, pack_mechanism
+from core.simulator.state import new_body, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
 from core.tick_log import TICK_S
 from core.workspace import brake_rows, held_in_any_direction
@@ -140,10 +140,10 @@ def locks_at_rest(settings: Around, device: Device, tip: tuple[float, float]) ->
 
 def tick_at(device: Device, tip: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Tick:
     """The first tick of control at a tip (m) with a velocity (m/s), and no hand."""
-    state, seen = new_state(*tip, *velocity), Seen(*tip, *velocity, 0.0, 0.0)
-    update_kinematics(pack_mechanism(device.mechanism)[0], state[0])
+    body, seen = new_body(*tip, *velocity), Seen(*tip, *velocity, 0.0, 0.0)
+    update_kinematics(pack_mechanism(device.mechanism)[0], body[0])
     brakes = pack_brakes(device.brakes, backlash=True)[0]
-    return Tick(seen, state["g"][0, :4], state["mass"][0], brakes, new_memory(), np.zeros(4))
+    return Tick(seen, body["g"][0, :4], body["mass"][0], brakes, new_memory(), np.zeros(4))
 
 
 @kernel

@@ -27,47 +27,47 @@ SPEED, LOOSE_PLUS, LOOSE_MINUS, PLAY, STOP = 4, 5, 6, 7, 11
 
 
 @kernel
-def tangent(state, at):
-    """Unit tangent of the held joint's SDOF path at a state or a tried step: the row g, turned to the left."""
-    j = state.held
+def tangent(body, at):
+    """Unit tangent of the held joint's SDOF path, now or after a tried step: the row g, turned to the left."""
+    j = body.held
     gx, gy = at.g[j, 0], at.g[j, 1]
     one_over = 1.0 / math.sqrt(gx * gx + gy * gy)
     return -gy * one_over, gx * one_over
 
 
 @kernel
-def path_speed(state, at):
+def path_speed(body, at):
     """Speed along the held joint's SDOF path (m/s), signed by `tangent`."""
-    tx, ty = tangent(state, at)
+    tx, ty = tangent(body, at)
     return tx * at.tip[2] + ty * at.tip[3]
 
 
 @kernel
-def path_sense(state):
+def path_sense(body):
     """Sense of motion along the SDOF path at the start of the step: of the speed, or from rest of the acceleration."""
-    tx, ty = tangent(state, state)
-    speed = tx * state.tip[2] + ty * state.tip[3]
+    tx, ty = tangent(body, body)
+    speed = tx * body.tip[2] + ty * body.tip[3]
     if speed == 0.0:
-        speed = tx * state.acceleration[0] + ty * state.acceleration[1]
+        speed = tx * body.acceleration[0] + ty * body.acceleration[1]
     return 1.0 if speed >= 0.0 else -1.0
 
 
 @kernel
-def held_limits(brakes, mechanism, state, lag, at):
-    """What the held joint's line can hold against + and - motion in the state or after the tried step, `at` (N m)."""
-    j, yields = state.held, at.torque_yield
+def held_limits(model, body, braking, lag, at, yields):
+    """What the held joint's line can hold against + and - motion, now or after the tried step (N m)."""
+    brakes, lines, j = model.brakes, model.mechanism.lines, body.held
     plus, minus = 0.0, 0.0
     square = at.g[j, 0] * at.g[j, 0] + at.g[j, 1] * at.g[j, 1]
     for i in range(PLACES):
-        if state.active[i] == 0 or not same_line(i, j, mechanism.lines):
+        if braking.active[i] == 0 or not same_line(i, j, lines):
             continue
-        against_plus, against_minus = state.cost_plus[i], state.cost_minus[i]
+        against_plus, against_minus = braking.cost_plus[i], braking.cost_minus[i]
         if lag.lagging != 0 and i < 4 and brakes.present[i] > 0.0:
             held = yields[i]
             no_play = brakes.play[i] == 0.0
-            if state.contact[i] <= 0.0 and (no_play or state.edge[i] > 0.0):
+            if body.contact[i] <= 0.0 and (no_play or braking.edge[i] > 0.0):
                 against_plus = held
-            if state.contact[i] >= 0.0 and (no_play or state.edge[i] < 0.0):
+            if body.contact[i] >= 0.0 and (no_play or braking.edge[i] < 0.0):
                 against_minus = held
         ratio = (at.g[i, 0] * at.g[j, 0] + at.g[i, 1] * at.g[j, 1]) / square
         if ratio > 0.0:
@@ -83,95 +83,95 @@ def held_limits(brakes, mechanism, state, lag, at):
 def event_value(model, data, kind):
     """Value of one kind of event at the end of the tried step."""
     turned = data.scratch.turned[kind - PLAY] if PLAY <= kind < STOP else 0.0
-    return value_at(model, data, data.scratch, turned, kind)
+    return value_at(model, data, data.scratch, data.scratch.torque_yield, turned, kind)
 
 
 @kernel
-def value_at(model, data, at, turned, kind):
-    """Value of one kind of event in the state or after the tried step, `at`; turned since, rad."""
-    mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
+def value_at(model, data, at, yields, turned, kind):
+    """Value of one kind of event, now or after the tried step; turned since, rad."""
+    mechanism, brakes, body, braking, scratch = model.mechanism, model.brakes, data.body, data.braking, data.scratch
     if kind < SPEED:
-        return state.sign[kind] * at.rate[kind]
+        return body.sign[kind] * at.rate[kind]
     if kind == SPEED:
-        return path_sense(state) * path_speed(state, at)
+        return path_sense(body) * path_speed(body, at)
     if kind < PLAY:
-        plus, minus = held_limits(brakes, mechanism, state, scratch.lag, at)
+        plus, minus = held_limits(model, body, braking, scratch.lag, at, yields)
         return at.line_torque + plus if kind == LOOSE_PLUS else minus - at.line_torque
     if kind < STOP:
         i = kind - PLAY
-        left = brakes.play[i] - state.play[i] if state.sign[i] > 0.0 else state.play[i]
-        return left - state.sign[i] * turned
-    stop_gap(mechanism, state.distal_side, at.tip[0], at.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
+        left = brakes.play[i] - braking.play[i] if body.sign[i] > 0.0 else braking.play[i]
+        return left - body.sign[i] * turned
+    stop_gap(mechanism, body.distal_side, at.tip[0], at.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
     return scratch.gap[kind - STOP]
 
 
 @kernel
-def event_slope(state, scratch, kind):
+def event_slope(body, scratch, kind):
     """Rate of change of `event_value` at the end of the tried step, where that is known; else 0."""
     if kind < SPEED:
-        return state.sign[kind] * joint_acceleration(scratch, kind)
+        return body.sign[kind] * joint_acceleration(scratch, kind)
     if kind == SPEED:
-        tx, ty = tangent(state, scratch)
-        return path_sense(state) * (tx * scratch.acceleration[0] + ty * scratch.acceleration[1])
+        tx, ty = tangent(body, scratch)
+        return path_sense(body) * (tx * scratch.acceleration[0] + ty * scratch.acceleration[1])
     if PLAY <= kind < STOP:
-        return -state.sign[kind - PLAY] * scratch.rate[kind - PLAY]
+        return -body.sign[kind - PLAY] * scratch.rate[kind - PLAY]
     return 0.0
 
 
 @kernel
-def first_event(mechanism, brakes, state, scratch, step):
+def first_event(model, body, braking, scratch, step):
     """The first event inside the step, from start and end alone: (kind, estimated time); NONE where there is none.
 
     Kinds whose bit is in scratch.seen are passed over.
     """
-    seen = scratch.seen
+    mechanism, brakes, seen = model.mechanism, model.brakes, scratch.seen
     kind, first = NONE, math.inf
     for i in range(4):
-        sign = state.sign[i]
-        if sign == 0.0 or state.active[i] == 0:
+        sign = body.sign[i]
+        if sign == 0.0 or braking.active[i] == 0:
             continue
-        v0, v1 = sign * state.rate[i], sign * scratch.rate[i]
-        d0, d1 = sign * joint_acceleration(state, i), sign * joint_acceleration(scratch, i)
+        v0, v1 = sign * body.rate[i], sign * scratch.rate[i]
+        d0, d1 = sign * joint_acceleration(body, i), sign * joint_acceleration(scratch, i)
         if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> i & 1:
             s = hermite_zero(v0, d0, v1, d1, step)
             if 0.0 <= s < first:
                 kind, first = i, s
-        if brakes.play[i] > 0.0 and state.edge[i] == 0.0 and not seen >> (PLAY + i) & 1:
-            v0 = brakes.play[i] - state.play[i] if sign > 0.0 else state.play[i]
+        if brakes.play[i] > 0.0 and braking.edge[i] == 0.0 and not seen >> (PLAY + i) & 1:
+            v0 = brakes.play[i] - braking.play[i] if sign > 0.0 else braking.play[i]
             v1 = v0 - sign * scratch.turned[i]
             if v1 < -ROUNDING:
-                s = hermite_zero(v0, -sign * state.rate[i], v1, -sign * scratch.rate[i], step)
+                s = hermite_zero(v0, -sign * body.rate[i], v1, -sign * scratch.rate[i], step)
                 if 0.0 <= s < first:
                     kind, first = PLAY + i, s
-    if state.held >= 0:
-        sense = path_sense(state)
-        tx, ty = tangent(state, state)
-        d0 = sense * (tx * state.acceleration[0] + ty * state.acceleration[1])
-        v1 = sense * path_speed(state, scratch)
-        tx, ty = tangent(state, scratch)
+    if body.held >= 0:
+        sense = path_sense(body)
+        tx, ty = tangent(body, body)
+        d0 = sense * (tx * body.acceleration[0] + ty * body.acceleration[1])
+        v1 = sense * path_speed(body, scratch)
+        tx, ty = tangent(body, scratch)
         d1 = sense * (tx * scratch.acceleration[0] + ty * scratch.acceleration[1])
         if (v1 < -ROUNDING or (d0 < 0.0 and d1 > 0.0)) and not seen >> SPEED & 1:
-            s = hermite_zero(sense * path_speed(state, state), d0, v1, d1, step)
+            s = hermite_zero(sense * path_speed(body, body), d0, v1, d1, step)
             if 0.0 <= s <= first:
                 kind, first = SPEED, s
-        plus0, minus0 = held_limits(brakes, mechanism, state, scratch.lag, state)
-        plus1, minus1 = held_limits(brakes, mechanism, state, scratch.lag, scratch)
+        plus0, minus0 = held_limits(model, body, braking, scratch.lag, body, braking.torque_yield)
+        plus1, minus1 = held_limits(model, body, braking, scratch.lag, scratch, scratch.torque_yield)
         plus, minus = 0.5 * (plus0 + plus1), 0.5 * (minus0 + minus1)
-        torque0, torque1, middle = state.line_torque, scratch.line_torque, scratch.middle_torque
+        torque0, torque1, middle = body.line_torque, scratch.line_torque, scratch.middle_torque
         s = parabola_zero(torque0 + plus0, middle + plus, torque1 + plus1, step)
         if 0.0 <= s < first and not seen >> LOOSE_PLUS & 1:
             kind, first = LOOSE_PLUS, s
         s = parabola_zero(minus0 - torque0, minus - middle, minus1 - torque1, step)
         if 0.0 <= s < first and not seen >> LOOSE_MINUS & 1:
             kind, first = LOOSE_MINUS, s
-    stop, when = first_stop(mechanism, state, scratch, step, seen)
+    stop, when = first_stop(mechanism, body, scratch, step, seen)
     if stop != NONE and when < first:
         kind, first = stop, when
     return kind, first
 
 
 @kernel
-def first_stop(mechanism, state, scratch, step, seen):
+def first_stop(mechanism, body, scratch, step, seen):
     """The first hard stop that the tried step has run beyond: (kind, estimated time); NONE where there is none."""
     m1, m2 = mechanism.arm_1, mechanism.arm_2
     g, margin = scratch.g, mechanism.margin
@@ -179,16 +179,16 @@ def first_stop(mechanism, state, scratch, step, seen):
     clear = (
         -m1.side * scratch.s_1 >= margin * m1.length_1 * m1.length_2
         and -m2.side * scratch.s_2 >= margin * m2.length_1 * m2.length_2
-        and state.distal_side * scratch.s_1 * scratch.s_2 * between >= margin * m1.length_2 * m2.length_2
+        and body.distal_side * scratch.s_1 * scratch.s_2 * between >= margin * m1.length_2 * m2.length_2
     )
     if clear and mechanism.has_theta_stops == 0:
         return NONE, 0.0
     kind, first = NONE, math.inf
-    stop_gap(mechanism, state.distal_side, scratch.tip[0], scratch.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
+    stop_gap(mechanism, body.distal_side, scratch.tip[0], scratch.tip[1], scratch.theta, scratch.gap, scratch.gap_side)
     for j in range(PLACES):
         if seen >> (STOP + j) & 1:
             continue
-        if scratch.gap[j] < -ROUNDING and not (state.held >= 0 and same_line(j, state.held, mechanism.lines)):
+        if scratch.gap[j] < -ROUNDING and not (body.held >= 0 and same_line(j, body.held, mechanism.lines)):
             kind, first = STOP + j, 0.5 * step
     return kind, first
 
@@ -208,7 +208,7 @@ def locate(model, data, t, step, kind, guess):
         # a graze came close to zero and turned back
         grazed = event_value(model, data, kind) > GRAZING
         scratch.seen |= 1 << kind
-        other, when = first_event(model.mechanism, model.brakes, data.state, scratch, guess)
+        other, when = first_event(model, data.body, data.braking, scratch, guess)
         if other == NONE:
             if grazed:
                 kind = NONE
@@ -220,8 +220,8 @@ def locate(model, data, t, step, kind, guess):
 @kernel
 def locate_one(model, data, t, step, kind, guess):
     """Time in [0, step] at which the value of one kind of event reaches zero."""
-    state, scratch = data.state, data.scratch
-    low, at_low = 0.0, value_at(model, data, state, 0.0, kind)
+    body, braking, scratch = data.body, data.braking, data.scratch
+    low, at_low = 0.0, value_at(model, data, data.body, data.braking.torque_yield, 0.0, kind)
     high = step
     if at_low <= ROUNDING:
         # it starts at zero: find a time at which it has risen above, or take the event as present already
@@ -256,12 +256,12 @@ def locate_one(model, data, t, step, kind, guess):
             high = s
         if high - low <= 4e-16 * step:
             break
-        slope = event_slope(state, scratch, kind)
+        slope = event_slope(body, scratch, kind)
         if slope == 0.0:
             slope = (value - at_last) / (s - last)
         ahead = s - value / slope
         if scratch.lag.lagging == 0 and kind <= SPEED and low < ahead < high and abs(ahead - s) <= SLID_S:
-            slide(model.mechanism, state, scratch, ahead - s)
+            slide(model.mechanism, body, braking, scratch, ahead - s)
             return ahead
         last, at_last = s, value
         s = ahead if low < ahead < high else 0.5 * (low + high)
@@ -269,19 +269,19 @@ def locate_one(model, data, t, step, kind, guess):
 
 
 @kernel
-def slide(mechanism, state, scratch, ds):
+def slide(mechanism, body, braking, scratch, ds):
     """Carry the end of the tried step on by ds (s), at most `SLID_S` either way, along its velocity and acceleration.
 
     For brakes without lag. What it leaves out is of the second order in ds; an event is followed by a new acceleration.
     """
     tip, a = scratch.tip, scratch.acceleration
     scratch.work += ds * (scratch.hand_force[0] * tip[2] + scratch.hand_force[1] * tip[3])
-    torques = slip_torques(state)
+    torques = slip_torques(body, braking)
     for i in range(4):
         scratch.heat[i] -= ds * torques[i] * scratch.rate[i]
     for k in range(2):
         tip[k] += ds * tip[2 + k]
         tip[2 + k] += ds * a[k]
     update_kinematics(mechanism, scratch)
-    if state.held >= 0:
-        scratch.rate[state.held] = 0.0
+    if body.held >= 0:
+        scratch.rate[body.held] = 0.0

@@ -69,7 +69,7 @@ def run_guarded_rows(model, data, guarding, schedule, grid, rows):
         for s in range(grid.per_row):
             k = row * grid.per_row + s
             if k % guarding.per_look == 0:
-                ask_guard(looks, model.brakes[0], data.state[0], lock.values[0])
+                ask_guard(looks, model.brakes[0], data.body[0], lock.values[0])
             while cursor + 1 < schedule.times.shape[0] and schedule.times[cursor + 1] <= k * grid.step + EDGE_S:
                 cursor += 1
             commands = Schedule(schedule.times[cursor:], schedule.values[cursor:])
@@ -84,10 +84,10 @@ def run_guarded_rows(model, data, guarding, schedule, grid, rows):
 
 
 @kernel
-def ask_guard(looks, brakes, state, full):
-    """Let the guard decide for a state; full (4,), A: the currents of a lock."""
-    seen = seen_in(state.tip, state.hand_force)
-    looks.decision = keep_out(looks.around, Tick(seen, state.g, state.mass, brakes, looks.memory, full))
+def ask_guard(looks, brakes, body, full):
+    """Let the guard decide; full (4,), A: the currents of a lock."""
+    seen = seen_in(body.tip, body.hand_force)
+    looks.decision = keep_out(looks.around, Tick(seen, body.g, body.mass, brakes, looks.memory, full))
     looks.ticks += 1
     looks.course = (31 * looks.course + looks.decision) % CHECKSUMS
     if looks.decision != NONE:

@@ -30,21 +30,21 @@ from core.simulator.stick_slip_mode import enter_line, set_costs, store
 
 
 @kernel
-def friction(mechanism, state, force, mass):
+def friction(mechanism, body, braking, force, mass):
     """Torques and acceleration by Eq. (6) under a force (hand minus velocity terms, N); fills held, sign, torque.
 
     mass: xx, xy, yy of tip and arm together, kg.
     Joints inside the band are stuck until their torque exceeds what they hold; then the worst of them slips, in the
     sense in which it was pushed, and the rest are solved again.
     """
-    g, torque, sign = state.g, state.torque, state.sign
+    g, torque, sign = body.g, braking.torque, body.sign
     for i in range(PLACES):
         torque[i] = sign[i] = 0.0
-        can_hold = state.active[i] != 0 and (state.cost_plus[i] > 0.0 or state.cost_minus[i] > 0.0)
-        if state.active[i] == 0 or (can_hold and abs(state.rate[i]) < state.delta_omega):
+        can_hold = braking.active[i] != 0 and (braking.cost_plus[i] > 0.0 or braking.cost_minus[i] > 0.0)
+        if braking.active[i] == 0 or (can_hold and abs(body.rate[i]) < body.delta_omega):
             continue
-        sign[i] = 1.0 if state.rate[i] > 0.0 else -1.0
-        limit = state.cost_plus[i] if sign[i] > 0.0 else state.cost_minus[i]
+        sign[i] = 1.0 if body.rate[i] > 0.0 else -1.0
+        limit = braking.cost_plus[i] if sign[i] > 0.0 else braking.cost_minus[i]
         if math.isinf(limit):
             sign[i] = 0.0  # a stop holds however fast it is approached
         else:
@@ -55,18 +55,18 @@ def friction(mechanism, state, force, mass):
             if sign[i] != 0.0:
                 rx += g[i, 0] * torque[i]
                 ry += g[i, 1] * torque[i]
-        hold(mechanism, state, (rx, ry), mass)
+        hold(mechanism, body, braking, (rx, ry), mass)
         worst, most = -1, 1.0 + HELD_ROUNDING
         for i in range(PLACES):
-            if state.active[i] != 0 and sign[i] == 0.0:
-                limit = state.cost_minus[i] if torque[i] > 0.0 else state.cost_plus[i]
+            if braking.active[i] != 0 and sign[i] == 0.0:
+                limit = braking.cost_minus[i] if torque[i] > 0.0 else braking.cost_plus[i]
                 if abs(torque[i]) > most * limit:
                     worst, most = i, abs(torque[i]) / limit if limit > 0.0 else math.inf
         if worst < 0:
             break
         sign[worst] = -1.0 if torque[worst] > 0.0 else 1.0
-        torque[worst] = state.cost_minus[worst] if torque[worst] > 0.0 else -state.cost_plus[worst]
-    if state.held == STILL:
+        torque[worst] = braking.cost_minus[worst] if torque[worst] > 0.0 else -braking.cost_plus[worst]
+    if body.held == STILL:
         return 0.0, 0.0
     rx, ry = force
     for i in range(PLACES):
@@ -76,55 +76,55 @@ def friction(mechanism, state, force, mass):
 
 
 @kernel
-def hold(mechanism, state, force, mass):
+def hold(mechanism, body, braking, force, mass):
     """Torques of the stuck joints (active, sign 0) that make their accelerations zero under a force (N); sets held.
 
     Two rows that are not parallel hold the tip (its velocity terms inside the band are of order delta_omega^2 and left
     out); else the joints are on one line and hold it together.
     """
     rx, ry = force
-    g, torque, lines = state.g, state.torque, mechanism.lines
+    g, torque, lines = body.g, braking.torque, mechanism.lines
     lead, several = -1, False
     sxx = sxy = syy = 0.0
     nx, ny = -rx, -ry  # what the joints must exert together, less the middles of their ranges
     for i in range(PLACES):
-        if state.active[i] == 0 or state.sign[i] != 0.0:
+        if braking.active[i] == 0 or body.sign[i] != 0.0:
             continue
         if lead < 0:
             lead = i
         elif not same_line(i, lead, lines):
             several = True
-        middle, half = reach_of(state, i)
+        middle, half = reach_of(braking, i)
         nx -= g[i, 0] * middle
         ny -= g[i, 1] * middle
         sxx += half * half * g[i, 0] * g[i, 0]
         sxy += half * half * g[i, 0] * g[i, 1]
         syy += half * half * g[i, 1] * g[i, 1]
-    state.held = lead if lead >= 0 else FREE
+    body.held = lead if lead >= 0 else FREE
     if lead < 0:
         return
     det = sxx * syy - sxy * sxy
     if several and det > PARALLEL_ROWS * sxx * syy:
-        state.held = STILL
+        body.held = STILL
         zx, zy = (syy * nx - sxy * ny) / det, (sxx * ny - sxy * nx) / det
         for i in range(PLACES):
-            if state.active[i] != 0 and state.sign[i] == 0.0:
-                middle, half = reach_of(state, i)
+            if braking.active[i] != 0 and body.sign[i] == 0.0:
+                middle, half = reach_of(braking, i)
                 torque[i] = middle + half * half * (g[i, 0] * zx + g[i, 1] * zy)
         return
-    rest = holding_torque(mass, (g[lead, 0], g[lead, 1]), state.bias[lead], (rx, ry))
+    rest = holding_torque(mass, (g[lead, 0], g[lead, 1]), body.bias[lead], (rx, ry))
     square = g[lead, 0] * g[lead, 0] + g[lead, 1] * g[lead, 1]
     weight = 0.0
     for i in range(PLACES):
-        if state.active[i] != 0 and state.sign[i] == 0.0:
+        if braking.active[i] != 0 and body.sign[i] == 0.0:
             ratio = (g[i, 0] * g[lead, 0] + g[i, 1] * g[lead, 1]) / square
-            middle, half = reach_of(state, i)
+            middle, half = reach_of(braking, i)
             rest -= ratio * middle
             weight += ratio * ratio * half * half
     for i in range(PLACES):
-        if state.active[i] != 0 and state.sign[i] == 0.0:
+        if braking.active[i] != 0 and body.sign[i] == 0.0:
             ratio = (g[i, 0] * g[lead, 0] + g[i, 1] * g[lead, 1]) / square
-            middle, half = reach_of(state, i)
+            middle, half = reach_of(braking, i)
             torque[i] = middle + (half * half * ratio * rest / weight if weight > 0.0 else 0.0)
 
 
@@ -132,80 +132,81 @@ def hold(mechanism, state, force, mass):
 def evaluate(model, data, t, p, v):
     """Evaluate a stage at time t (s), tip p (2,), m, and velocity v (2,), m/s.
 
-    Fills the state's rows, rates, torques, acceleration and sensed hand force; returns the acceleration.
+    Fills rows, rates, torques, acceleration and sensed hand force; returns the acceleration.
     """
-    (x, y), (vx, vy), mechanism, hand, state = p, v, model.mechanism, data.hand, data.state
+    (x, y), (vx, vy), mechanism, hand, body, braking = p, v, model.mechanism, data.hand, data.body, data.braking
     q = motion(mechanism, x, y, vx, vy)
-    store(mechanism, state, q)
-    set_costs(model.brakes, state)
+    store(mechanism, body, q)
+    set_costs(model.brakes, body, braking)
     arm_mass = hand.grips[0].mass
     fx, fy = hand_force(hand, t, x, y, vx, vy)
     mass = q.mass_xx + arm_mass, q.mass_xy, q.mass_yy + arm_mass
-    ax, ay = friction(mechanism, state, (fx - q.bias_x, fy - q.bias_y), mass)
-    state.acceleration[0], state.acceleration[1] = ax, ay
-    state.hand_force[0], state.hand_force[1] = fx - arm_mass * ax, fy - arm_mass * ay
+    ax, ay = friction(mechanism, body, braking, (fx - q.bias_x, fy - q.bias_y), mass)
+    body.acceleration[0], body.acceleration[1] = ax, ay
+    body.hand_force[0], body.hand_force[1] = fx - arm_mass * ax, fy - arm_mass * ay
     return ax, ay
 
 
 @kernel
-def add_stage_to_ledger(state, scratch, vx, vy, share):
+def add_stage_to_ledger(data, vx, vy, share):
     """Add to the ledger the power of the hand and of each brake at a stage, times its share of the step (s)."""
-    state.work_hand += share * (state.hand_force[0] * vx + state.hand_force[1] * vy)
+    body, braking, ledger, scratch = data.body, data.braking, data.ledger, data.scratch
+    ledger.work_hand += share * (body.hand_force[0] * vx + body.hand_force[1] * vy)
     for i in range(4):
-        scratch.heat[i] -= share * state.torque[i] * state.rate[i]
-        scratch.turned[i] += share * state.rate[i]
+        scratch.heat[i] -= share * braking.torque[i] * body.rate[i]
+        scratch.turned[i] += share * body.rate[i]
 
 
 @kernel
 def resolve_in_band(model, data, t):
     """Stage: torques by Eq. (6) at time t for the yields now in the state."""
-    tip = data.state.tip
+    tip = data.body.tip
     evaluate(model, data, t, (tip[0], tip[1]), (tip[2], tip[3]))
-    leave_stops_their_share(data.state)
+    leave_stops_their_share(data.body, data.braking)
 
 
 @kernel
 def advance_karnopp(model, data, currents, t, h):
     """Move the state from t to t + h (s) by one RK4 step, friction by Eq. (6) in every stage."""
-    mechanism, brakes, state, scratch = model.mechanism, model.brakes, data.state, data.scratch
-    tip, arm_mass = state.tip, data.hand.grips[0].mass
-    begin_lags(brakes, state, scratch.lag, currents, 1 if model.fidelity == MR else 0)
+    mechanism, brakes, scratch = model.mechanism, model.brakes, data.scratch
+    body, braking, ledger, tip = data.body, data.braking, data.ledger, data.body.tip
+    begin_lags(brakes, body, braking, scratch.lag, currents, 1 if model.fidelity == MR else 0)
     for i in range(4):
         scratch.heat[i] = scratch.turned[i] = 0.0
     x, y, vx, vy = tip[0], tip[1], tip[2], tip[3]
     sixth, half = h / 6.0, 0.5 * h
     ax, ay = evaluate(model, data, t, (x, y), (vx, vy))
-    add_stage_to_ledger(state, scratch, vx, vy, sixth)
+    add_stage_to_ledger(data, vx, vy, sixth)
     ux, uy = vx + half * ax, vy + half * ay
-    age_yields(state, scratch.lag, half)
+    age_yields(braking, scratch.lag, half)
     bx, by = evaluate(model, data, t + half, (x + half * vx, y + half * vy), (ux, uy))
-    add_stage_to_ledger(state, scratch, ux, uy, 2.0 * sixth)
+    add_stage_to_ledger(data, ux, uy, 2.0 * sixth)
     wx, wy = vx + half * bx, vy + half * by
     cx, cy = evaluate(model, data, t + half, (x + half * ux, y + half * uy), (wx, wy))
-    add_stage_to_ledger(state, scratch, wx, wy, 2.0 * sixth)
+    add_stage_to_ledger(data, wx, wy, 2.0 * sixth)
     zx, zy = vx + h * cx, vy + h * cy
-    age_yields(state, scratch.lag, h)
+    age_yields(braking, scratch.lag, h)
     dx, dy = evaluate(model, data, t + h, (x + h * wx, y + h * wy), (zx, zy))
-    add_stage_to_ledger(state, scratch, zx, zy, sixth)
+    add_stage_to_ledger(data, zx, zy, sixth)
     tip[0] = x + sixth * (vx + 2.0 * (ux + wx) + zx)
     tip[1] = y + sixth * (vy + 2.0 * (uy + wy) + zy)
     tip[2] = vx + sixth * (ax + 2.0 * (bx + cx) + dx)
     tip[3] = vy + sixth * (ay + 2.0 * (by + cy) + dy)
     for i in range(4):
-        state.heat[i] += scratch.heat[i]
+        ledger.heat[i] += scratch.heat[i]
         if brakes.present[i] > 0.0:
-            state.added_by_brakes = max(state.added_by_brakes, -scratch.heat[i])
+            ledger.added_by_brakes = max(ledger.added_by_brakes, -scratch.heat[i])
         if brakes.play[i] > 0.0:
-            drift_in_backlash(brakes, state, i, scratch.turned[i])
+            drift_in_backlash(brakes, braking, i, scratch.turned[i])
     for j in range(PLACES):
-        if state.sign[j] != 0.0:
-            state.contact[j] = 0.0  # it leaves its stop
-        elif state.contact[j] != 0.0:
-            if state.held == STILL:
+        if body.sign[j] != 0.0:
+            body.contact[j] = 0.0  # it leaves its stop
+        elif body.contact[j] != 0.0:
+            if body.held == STILL:
                 tip[0], tip[1], tip[2], tip[3] = x, y, 0.0, 0.0  # held against a stop: nothing creeps
             else:
-                keep_on_line(mechanism, state, state, j)
-    struck = stop_on_the_way(mechanism, state, scratch, (x, y), h, arm_mass)
+                keep_on_line(mechanism, body, body, j)
+    struck = stop_on_the_way(mechanism, data, (x, y), h)
     if struck >= 0:
-        enter_line(mechanism, state, struck)
-    store(mechanism, state, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))
+        enter_line(mechanism, body, struck)
+    store(mechanism, body, motion(mechanism, tip[0], tip[1], tip[2], tip[3]))

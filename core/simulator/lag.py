@@ -55,14 +55,14 @@ def constant(lag, i, w):
 
 
 @inlined
-def per_lag_at(state, lag, i, rate):
+def per_lag_at(body, lag, i, rate):
     """1/a of brake i (1/s) at a stage's rate (rad/s). A step over which a rate changes much is cut (`yield_error`)."""
-    growth = min(max((rate - state.rate[i]) * lag.per_rate[i], LEAST_GROWTH), MOST_GROWTH)
+    growth = min(max((rate - body.rate[i]) * lag.per_rate[i], LEAST_GROWTH), MOST_GROWTH)
     return 1.0 / max(constant(lag, i, lag.octaves[i] + octaves_grown(growth)), LEAST_LAG_S)
 
 
 @kernel
-def begin_lags(brakes, state, lag, currents, lagged):
+def begin_lags(brakes, body, braking, lag, currents, lagged):
     """Stage: the gain K that each yield goes to in the coming step under the currents (4,), A, and its time constant.
 
     `lag.lagging`: whether any yield is still on its way; never in a scene without lag.
@@ -75,21 +75,21 @@ def begin_lags(brakes, state, lag, currents, lagged):
         lag.constants[0, i] = 1.0
         if brakes.present[i] > 0.0:
             lag.gain[i] = torque_gain(brakes, i, currents[i])
-            lag.lack[i] = state.torque_yield[i] - lag.gain[i]
+            lag.lack[i] = braking.torque_yield[i] - lag.gain[i]
             if abs(lag.lack[i]) <= ARRIVED * lag.gain[i]:
-                state.torque_yield[i], lag.lack[i] = lag.gain[i], 0.0
+                braking.torque_yield[i], lag.lack[i] = lag.gain[i], 0.0
             else:
                 lag.lagging = 1
-                begin_brake(brakes, state, lag, i, currents[i])
+                begin_brake(brakes, body, lag, i, currents[i])
 
 
 @inlined
-def begin_brake(brakes, state, lag, i, current):
+def begin_brake(brakes, body, lag, i, current):
     """Pace and time constant of brake i at the start of a step."""
     rising, rate, growth = lag.lack[i] < 0.0, 0.0, 0.0
-    if state.sign[i] != 0.0:
-        rate = state.rate[i]
-        growth = math.copysign(1.0, rate) * joint_acceleration(state, i)
+    if body.sign[i] != 0.0:
+        rate = body.rate[i]
+        growth = math.copysign(1.0, rate) * joint_acceleration(body, i)
     speed = abs(rate)
     pace = pace_of(brakes, i, speed, growth)
     lag.pace[i] = pace
@@ -116,26 +116,26 @@ def pace_of(brakes, i, speed, growth):
 
 
 @kernel
-def age_yields(state, lag, elapsed):
+def age_yields(braking, lag, elapsed):
     """The yields `elapsed` seconds into the step by the time constants of its start: exact while the joints rest."""
     if lag.lagging != 0 and elapsed > 0.0:
         for i in range(4):
             if lag.lack[i] != 0.0:
-                state.torque_yield[i] = lagged(lag.gain[i], lag.lack[i], math.exp(-elapsed * lag.per_lag[i]))
+                braking.torque_yield[i] = lagged(lag.gain[i], lag.lack[i], math.exp(-elapsed * lag.per_lag[i]))
 
 
 @kernel
-def begin_stages(brakes, state, scratch, dt):
+def begin_stages(brakes, body, braking, scratch, dt):
     """Begin a step of dt seconds: the parts of the torques, and what is left of each lack in the second stage."""
     lag = scratch.lag
     for i in range(4):
-        sign = state.sign[i]
+        sign = body.sign[i]
         steady = swing = 0.0
-        if sign != 0.0 and state.active[i] != 0:
-            if brakes.play[i] == 0.0 or state.edge[i] * sign > 0.0:
+        if sign != 0.0 and braking.active[i] != 0:
+            if brakes.play[i] == 0.0 or braking.edge[i] * sign > 0.0:
                 steady, swing = -sign * lag.gain[i], -sign * lag.lack[i]
             else:
-                steady = -sign * (state.cost_plus[i] if sign > 0.0 else state.cost_minus[i])
+                steady = -sign * (braking.cost_plus[i] if sign > 0.0 else braking.cost_minus[i])
         scratch.steady[i], scratch.swing[i] = steady, swing
     half, per_lag, left = 0.5 * dt, lag.per_lag, scratch.left[0]
     left[0], left[1], left[2], left[3] = exponentials(
@@ -144,24 +144,24 @@ def begin_stages(brakes, state, scratch, dt):
 
 
 @kernel
-def next_stage(state, scratch, rates, dt, stage):
+def next_stage(body, scratch, rates, dt, stage):
     """What is left of each lack dt seconds on, at the rates (A, E, B, C; rad/s) of stage 2 (0) or 3 (1)."""
     lag = scratch.lag
-    a, e = per_lag_at(state, lag, 0, rates[0]), per_lag_at(state, lag, 1, rates[1])
-    b, c = per_lag_at(state, lag, 2, rates[2]), per_lag_at(state, lag, 3, rates[3])
+    a, e = per_lag_at(body, lag, 0, rates[0]), per_lag_at(body, lag, 1, rates[1])
+    b, c = per_lag_at(body, lag, 2, rates[2]), per_lag_at(body, lag, 3, rates[3])
     per_lag, left = scratch.per_lag[stage], scratch.left[stage]
     per_lag[0], per_lag[1], per_lag[2], per_lag[3] = a, e, b, c
     left[0], left[1], left[2], left[3] = exponentials(dt * a, dt * e, dt * b, dt * c)
 
 
 @kernel
-def end_stages(state, scratch, rates, dt):
+def end_stages(body, scratch, rates, dt):
     """What is left of each lack at the end of the step, from the rates of all stages; the yields there."""
     lag = scratch.lag
     first, second, third = lag.per_lag, scratch.per_lag[0], scratch.per_lag[1]
     fourth, left = scratch.per_lag[2], scratch.left[1]
-    a, e = per_lag_at(state, lag, 0, rates[0]), per_lag_at(state, lag, 1, rates[1])
-    b, c = per_lag_at(state, lag, 2, rates[2]), per_lag_at(state, lag, 3, rates[3])
+    a, e = per_lag_at(body, lag, 0, rates[0]), per_lag_at(body, lag, 1, rates[1])
+    b, c = per_lag_at(body, lag, 2, rates[2]), per_lag_at(body, lag, 3, rates[3])
     fourth[0], fourth[1], fourth[2], fourth[3] = a, e, b, c
     sixth = dt / 6.0
     left[0], left[1], left[2], left[3] = exponentials(
@@ -185,7 +185,7 @@ def lagging_torques(scratch, when):
 
 
 @kernel
-def yield_error(state, scratch, step):
+def yield_error(body, scratch, step):
     """How far a torque of the tried step may be off, which takes a parabola for the course of its yields (N m).
 
     The largest of the remainders of Simpson's rule: for an exponential, and for a constant that is linear in the
@@ -194,12 +194,12 @@ def yield_error(state, scratch, step):
     lag = scratch.lag
     largest = 0.0
     for i in range(4):
-        if lag.lack[i] == 0.0 or state.sign[i] == 0.0:
+        if lag.lack[i] == 0.0 or body.sign[i] == 0.0:
             continue
         share = step * lag.per_lag[i]
         off = min(share * share * share * share / 2880.0, 1.0 / 6.0)
         if lag.pace[i] == SLOW:
-            start, end = abs(state.rate[i]), abs(scratch.rate[i])
+            start, end = abs(body.rate[i]), abs(scratch.rate[i])
             middle = 0.25 * abs(6.0 * abs(scratch.turned[i]) / step - start - end)
             low, high = min(min(start, end), middle), max(max(start, end), middle)
             spread = 2.0 * (high - low) / (high + low)
@@ -210,31 +210,31 @@ def yield_error(state, scratch, step):
 
 
 @kernel
-def pace_ends(brakes, state, scratch, step):
+def pace_ends(brakes, body, scratch, step):
     """The first time in the tried step (s) at which a joint comes to another branch of Eq. (4); infinite: none does."""
     lag = scratch.lag
     first = math.inf
     for i in range(4):
-        if state.sign[i] != 0.0 and lag.lack[i] != 0.0:
+        if body.sign[i] != 0.0 and lag.lack[i] != 0.0:
             pace = lag.pace[i]
             if pace != FAST:
                 edge = brakes.omega_0[i] if pace == SLOW else brakes.floor[i]
-                first = min(first, edge_reached(state, scratch, i, edge, -1.0, step))
+                first = min(first, edge_reached(body, scratch, i, edge, -1.0, step))
             if pace != CREEPING:
                 edge = brakes.omega_0[i] if pace == FAST else brakes.floor[i]
-                first = min(first, edge_reached(state, scratch, i, edge, 1.0, step))
+                first = min(first, edge_reached(body, scratch, i, edge, 1.0, step))
     return first
 
 
 @inlined
-def edge_reached(state, scratch, i, edge, way, step):
+def edge_reached(body, scratch, i, edge, way, step):
     """When joint i comes down (way 1) or up (-1) to a speed (rad/s) in the tried step, s; infinite: it does not.
 
     By the cubic through its rates and accelerations: also where it comes back within the step.
     """
-    toward = way * state.sign[i]
-    start, end = toward * state.rate[i] - way * edge, toward * scratch.rate[i] - way * edge
-    falls, falls_at_end = toward * joint_acceleration(state, i), toward * joint_acceleration(scratch, i)
+    toward = way * body.sign[i]
+    start, end = toward * body.rate[i] - way * edge, toward * scratch.rate[i] - way * edge
+    falls, falls_at_end = toward * joint_acceleration(body, i), toward * joint_acceleration(scratch, i)
     if end < -PACE_ROUNDING * edge or (falls < 0.0 and falls_at_end > 0.0):
         s = hermite_zero(max(start, 0.0), falls, end, falls_at_end, step)
         if s > EDGE_S:
@@ -244,5 +244,5 @@ def edge_reached(state, scratch, i, edge, way, step):
 
 @inlined
 def joint_acceleration(at, i):
-    """Angular acceleration of joint i (rad/s2) in a state or a tried step: g . a + gdot . v."""
+    """Angular acceleration of joint i (rad/s2), now or after a tried step: g . a + gdot . v."""
     return at.g[i, 0] * at.acceleration[0] + at.g[i, 1] * at.acceleration[1] + at.bias[i]

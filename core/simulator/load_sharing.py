@@ -18,8 +18,8 @@ _BEST, _NO_SPLIT = -1, -2
 
 
 @kernel
-def share_at_rest(state, fx, fy):
-    """Fill state.torque (PLACES,) with the split that balances the force f (N) on a resting tip, all joints held.
+def share_at_rest(body, braking, fx, fy):
+    """Fill braking.torque (PLACES,) with the split that balances the force f (N) on a resting tip, all joints held.
 
     Joints beyond their limits are clamped, and let go again where that is worse (an active-set search). Convex, so the
     first split that keeps all limits and all optimality conditions is the one; if the search goes round in circles, all
@@ -27,7 +27,7 @@ def share_at_rest(state, fx, fy):
     """
     pattern = 0
     for _ in range(8):
-        pattern = _split(state, fx, fy, pattern)
+        pattern = _split(body, braking, fx, fy, pattern)
         if pattern == _BEST:
             return
         if pattern == _NO_SPLIT:
@@ -35,20 +35,20 @@ def share_at_rest(state, fx, fy):
     patterns, place = 1, 1
     for i in range(PLACES):
         place *= 3
-        if state.active[i] != 0:
+        if braking.active[i] != 0:
             patterns = place
     for pattern in range(patterns):
-        if _split(state, fx, fy, pattern) == _BEST:
+        if _split(body, braking, fx, fy, pattern) == _BEST:
             return
     # at the bound to rounding: no set of clamps balances the force exactly; take the split without any, cut to limits
-    _split(state, fx, fy, 0)
+    _split(body, braking, fx, fy, 0)
     for i in range(PLACES):
-        if state.active[i] != 0:
-            state.torque[i] = min(max(state.torque[i], -state.cost_plus[i]), state.cost_minus[i])
+        if braking.active[i] != 0:
+            braking.torque[i] = min(max(braking.torque[i], -braking.cost_plus[i]), braking.cost_minus[i])
 
 
 @kernel
-def _split(state, fx, fy, pattern):
+def _split(body, braking, fx, fy, pattern):
     """Split with joints clamped by the base-3 digits of `pattern` (1: at their + limit, 2: at their - limit).
 
     _BEST if it is the solution, _NO_SPLIT if the free joints cannot balance the force, else the pattern to try next.
@@ -57,23 +57,23 @@ def _split(state, fx, fy, pattern):
     sxx = sxy = syy = 0.0
     code = pattern
     for i in range(PLACES):
-        state.torque[i] = 0.0
+        braking.torque[i] = 0.0
         clamp = 0
         if code > 0:
             clamp = code % 3
             code //= 3
-        if state.active[i] == 0:
+        if braking.active[i] == 0:
             if clamp > 0:
                 return _NO_SPLIT
             continue
-        gx, gy = state.g[i, 0], state.g[i, 1]
-        middle, half = reach_of(state, i)
+        gx, gy = body.g[i, 0], body.g[i, 1]
+        middle, half = reach_of(braking, i)
         if clamp > 0:
             if half == STOP_STRENGTH:
                 return _NO_SPLIT
-            state.torque[i] = middle + (half if clamp == 1 else -half)
-            rx -= gx * state.torque[i]
-            ry -= gy * state.torque[i]
+            braking.torque[i] = middle + (half if clamp == 1 else -half)
+            rx -= gx * braking.torque[i]
+            ry -= gy * braking.torque[i]
         else:
             rx -= gx * middle
             ry -= gy * middle
@@ -91,15 +91,15 @@ def _split(state, fx, fy, pattern):
         if code > 0:
             clamp = code % 3
             code //= 3
-        if state.active[i] != 0:
-            middle, half = reach_of(state, i)
-            share = half * (state.g[i, 0] * zx + state.g[i, 1] * zy)
+        if braking.active[i] != 0:
+            middle, half = reach_of(braking, i)
+            share = half * (body.g[i, 0] * zx + body.g[i, 1] * zy)
             if clamp == 0:
-                state.torque[i] = middle + half * share
+                braking.torque[i] = middle + half * share
                 over = SPLIT_ROUNDING * max(half, 1e-3)
-                if state.torque[i] > state.cost_minus[i] + over:
+                if braking.torque[i] > braking.cost_minus[i] + over:
                     change += place
-                elif state.torque[i] < -state.cost_plus[i] - over:
+                elif braking.torque[i] < -braking.cost_plus[i] - over:
                     change += 2 * place
             elif (clamp == 1 and share < 1.0 - SPLIT_ROUNDING) or (clamp == 2 and share > SPLIT_ROUNDING - 1.0):
                 change -= clamp * place
@@ -108,44 +108,44 @@ def _split(state, fx, fy, pattern):
 
 
 @kernel
-def reach_of(state, i):
+def reach_of(braking, i):
     """(middle, half-width) of the torques of joint i, [-cost_plus, cost_minus]; (0, STOP_STRENGTH) at a stop."""
-    plus, minus = state.cost_plus[i], state.cost_minus[i]
+    plus, minus = braking.cost_plus[i], braking.cost_minus[i]
     if math.isinf(plus) or math.isinf(minus):
         return 0.0, STOP_STRENGTH
     return 0.5 * (minus - plus), 0.5 * (plus + minus)
 
 
 @kernel
-def share_on_line(state, j, torque, lines):
+def share_on_line(body, braking, j, torque, lines):
     """Split the torque that holds joint j, on its own rate, among the joints on its line (E, C, D on coaxial bases).
 
     The same least sum; joints that reach their limit stay there and the others take the rest.
     """
     if lines == 0:  # no line is shared
-        state.torque[j] = min(max(torque, -state.cost_plus[j]), state.cost_minus[j])
+        braking.torque[j] = min(max(torque, -braking.cost_plus[j]), braking.cost_minus[j])
         return
-    square = state.g[j, 0] * state.g[j, 0] + state.g[j, 1] * state.g[j, 1]
+    square = body.g[j, 0] * body.g[j, 0] + body.g[j, 1] * body.g[j, 1]
     clamped = 0
     for _ in range(3):
         rest, weight = torque, 0.0
         for i in range(PLACES):
-            if state.active[i] != 0 and same_line(i, j, lines):
-                ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
+            if braking.active[i] != 0 and same_line(i, j, lines):
+                ratio = (body.g[i, 0] * body.g[j, 0] + body.g[i, 1] * body.g[j, 1]) / square
                 if clamped >> i & 1:
-                    rest -= ratio * state.torque[i]
+                    rest -= ratio * braking.torque[i]
                 else:
-                    middle, half = reach_of(state, i)
+                    middle, half = reach_of(braking, i)
                     rest -= ratio * middle
                     weight += ratio * ratio * half * half
         more = 0
         for i in range(PLACES):
-            if state.active[i] != 0 and same_line(i, j, lines) and not clamped >> i & 1:
-                ratio = (state.g[i, 0] * state.g[j, 0] + state.g[i, 1] * state.g[j, 1]) / square
-                middle, half = reach_of(state, i)
+            if braking.active[i] != 0 and same_line(i, j, lines) and not clamped >> i & 1:
+                ratio = (body.g[i, 0] * body.g[j, 0] + body.g[i, 1] * body.g[j, 1]) / square
+                middle, half = reach_of(braking, i)
                 share = middle + (half * half * ratio * rest / weight if weight > 0.0 else 0.0)
-                state.torque[i] = min(max(share, -state.cost_plus[i]), state.cost_minus[i])
-                if share != state.torque[i]:
+                braking.torque[i] = min(max(share, -braking.cost_plus[i]), braking.cost_minus[i])
+                if share != braking.torque[i]:
                     more |= 1 << i
         if more == 0:
             break
@@ -153,10 +153,10 @@ def share_on_line(state, j, torque, lines):
 
 
 @kernel
-def leave_stops_their_share(state):
+def leave_stops_their_share(body, braking):
     """Turn joint torques into brake torques: at a stop the brake bears only what the stop cannot."""
     for i in range(4):
-        if state.contact[i] > 0.0 and state.torque[i] < 0.0 or state.contact[i] < 0.0 and state.torque[i] > 0.0:
-            state.torque[i] = 0.0
+        if body.contact[i] > 0.0 and braking.torque[i] < 0.0 or body.contact[i] < 0.0 and braking.torque[i] > 0.0:
+            braking.torque[i] = 0.0
     for i in range(4, PLACES):
-        state.torque[i] = 0.0
+        braking.torque[i] = 0.0

@@ -47,9 +47,10 @@ STEP_SCRATCH = np.dtype(
 
 
 @inlined
-def slip_torques(state):
+def slip_torques(body, braking):
     """Torques of the slipping brakes A, E, B, C, N m, at the start of a step; 0 for the others."""
-    return slip_torque(state, 0), slip_torque(state, 1), slip_torque(state, 2), slip_torque(state, 3)
+    a, e = slip_torque(body, braking, 0), slip_torque(body, braking, 1)
+    return a, e, slip_torque(body, braking, 2), slip_torque(body, braking, 3)
 
 
 @inlined
@@ -95,40 +96,40 @@ def stage(mechanism, grip, held, slip, prescribed, tip):
 
 @kernel
 def rk4(model, data, t, dt):
-    """One RK4 step of dt seconds from `state` into `scratch`; False where a stage left the region where the arms close.
+    """One RK4 step of dt seconds from `body` into `scratch`; False where a stage left the region where the arms close.
 
-    The first stage is the acceleration that the state already holds; the last evaluation, at the end, is the next
+    The first stage is the acceleration that the body already has; the last evaluation, at the end, is the next
     step's first.
     """
-    mechanism, hand, state, scratch = model.mechanism, data.hand, data.state, data.scratch
+    mechanism, hand, body, braking, scratch = model.mechanism, data.hand, data.body, data.braking, data.scratch
     grip = hand.grips[0]
-    held = state.held
-    first = slip_torques(state)
+    held = body.held
+    first = slip_torques(body, braking)
     torques2 = torques3 = torques4 = last = first
     if scratch.lag.lagging != 0:
-        begin_stages(model.brakes, state, scratch, dt)
+        begin_stages(model.brakes, body, braking, scratch, dt)
         torques2 = lagging_torques(scratch, 0)
     half = 0.5 * dt
     in_the_middle, at_the_end = prescribed_force(hand, t + half), prescribed_force(hand, t + dt)
-    x, y, vx, vy = state.tip[0], state.tip[1], state.tip[2], state.tip[3]
-    ax1, ay1 = state.acceleration[0], state.acceleration[1]
+    x, y, vx, vy = body.tip[0], body.tip[1], body.tip[2], body.tip[3]
+    ax1, ay1 = body.acceleration[0], body.acceleration[1]
     x2, y2, vx2, vy2 = x + half * vx, y + half * vy, vx + half * ax1, vy + half * ay1
     ax2, ay2, torque2, hx2, hy2, q2 = stage(mechanism, grip, held, torques2, in_the_middle, (x2, y2, vx2, vy2))
     rates2 = rates_of(mechanism, q2)
     if scratch.lag.lagging != 0:
-        next_stage(state, scratch, rates2, half, 0)
+        next_stage(body, scratch, rates2, half, 0)
         torques3 = lagging_torques(scratch, 0)
     x3, y3, vx3, vy3 = x + half * vx2, y + half * vy2, vx + half * ax2, vy + half * ay2
     ax3, ay3, torque3, hx3, hy3, q3 = stage(mechanism, grip, held, torques3, in_the_middle, (x3, y3, vx3, vy3))
     rates3 = rates_of(mechanism, q3)
     if scratch.lag.lagging != 0:
-        next_stage(state, scratch, rates3, dt, 1)
+        next_stage(body, scratch, rates3, dt, 1)
         torques4 = lagging_torques(scratch, 1)
     x4, y4, vx4, vy4 = x + dt * vx3, y + dt * vy3, vx + dt * ax3, vy + dt * ay3
     ax4, ay4, _, hx4, hy4, q4 = stage(mechanism, grip, held, torques4, at_the_end, (x4, y4, vx4, vy4))
     rates4 = rates_of(mechanism, q4)
     if scratch.lag.lagging != 0:
-        end_stages(state, scratch, rates4, dt)
+        end_stages(body, scratch, rates4, dt)
         last = lagging_torques(scratch, 1)
     sixth = dt / 6.0
     scratch.tip[0] = x + sixth * (vx + 2.0 * (vx2 + vx3) + vx4)
@@ -136,19 +137,19 @@ def rk4(model, data, t, dt):
     scratch.tip[2] = vx + sixth * (ax1 + 2.0 * (ax2 + ax3) + ax4)
     scratch.tip[3] = vy + sixth * (ay1 + 2.0 * (ay2 + ay3) + ay4)
     scratch.work = sixth * (
-        state.hand_force[0] * vx
-        + state.hand_force[1] * vy
+        body.hand_force[0] * vx
+        + body.hand_force[1] * vy
         + 2.0 * (hx2 * vx2 + hy2 * vy2 + hx3 * vx3 + hy3 * vy3)
         + hx4 * vx4
         + hy4 * vy4
     )
     for i in range(4):
-        w1, w2, w3, w4 = state.rate[i], rates2[i], rates3[i], rates4[i]
+        w1, w2, w3, w4 = body.rate[i], rates2[i], rates3[i], rates4[i]
         scratch.turned[i] = sixth * (w1 + 2.0 * (w2 + w3) + w4)
         taken = first[i] * w1 + 2.0 * (torques2[i] * w2 + torques3[i] * w3) + torques4[i] * w4
         scratch.heat[i] = -sixth * taken
     scratch.middle_torque = 0.5 * (torque2 + torque3)
-    put_back = keep_on_line(mechanism, state, scratch, held) if held >= 0 else 0.0
+    put_back = keep_on_line(mechanism, body, scratch, held) if held >= 0 else 0.0
     tip = scratch.tip
     arrived = tip[0], tip[1], tip[2], tip[3]
     ax, ay, torque, hx, hy, end = stage(mechanism, grip, held, last, at_the_end, arrived)
@@ -166,7 +167,7 @@ def rk4(model, data, t, dt):
         scratch.rate[held] = 0.0
     area_1, area_2 = m1.length_1 * m1.length_2, m2.length_1 * m2.length_2
     if least_1 < NEAR_SINGULAR * area_1 or least_2 < NEAR_SINGULAR * area_2:
-        scratch.error = max(scratch.error, energy_error(state, scratch) * (STEP_ERROR / ENERGY_ERROR))
+        scratch.error = max(scratch.error, energy_error(body, scratch) * (STEP_ERROR / ENERGY_ERROR))
     closes = least_1 > limit * area_1 and least_2 > limit * area_2
     return closes and math.isfinite(tip[0] + tip[1] + tip[2] + tip[3])
 
@@ -194,33 +195,33 @@ def rates_of(mechanism, q):
 
 @kernel
 def kinetic(at):
-    """Kinetic energy (J) of the device in a state or after a tried step, without any arm mass beyond the sensor."""
+    """Kinetic energy (J) of the device, now or after a tried step, without any arm mass beyond the sensor."""
     m, v = at.mass, at.tip
     return 0.5 * (m[0] * v[2] * v[2] + 2.0 * m[1] * v[2] * v[3] + m[2] * v[3] * v[3])
 
 
 @kernel
-def energy_error(state, scratch):
+def energy_error(body, scratch):
     """What the ledger of the tried step leaves unexplained, share of the energy that changed hands."""
     heat = scratch.heat[0] + scratch.heat[1] + scratch.heat[2] + scratch.heat[3]
-    made, work = kinetic(scratch) - kinetic(state), scratch.work
+    made, work = kinetic(scratch) - kinetic(body), scratch.work
     return abs(made + heat - work) / (abs(made) + abs(heat) + abs(work) + LEAST_ENERGY)
 
 
 @kernel
-def keep_on_line(mechanism, state, at, j):
+def keep_on_line(mechanism, body, at, j):
     """Put a tip back on the SDOF path of held joint j, position and velocity (removes the method's error only).
 
     Returns the speed that this took away, m/s.
     """
     tip = at.tip
     if on_circle(mechanism, j):
-        rx, ry = tip[0] - state.circle[0], tip[1] - state.circle[1]
+        rx, ry = tip[0] - body.circle[0], tip[1] - body.circle[1]
         one_over = 1.0 / math.sqrt(rx * rx + ry * ry)
         nx, ny = rx * one_over, ry * one_over
-        tip[0], tip[1] = state.circle[0] + state.circle[2] * nx, state.circle[1] + state.circle[2] * ny
+        tip[0], tip[1] = body.circle[0] + body.circle[2] * nx, body.circle[1] + body.circle[2] * ny
     else:
-        nx, ny = keep_angle(mechanism, state, tip, j)
+        nx, ny = keep_angle(mechanism, body, tip, j)
     along = nx * tip[2] + ny * tip[3]
     tip[2] -= along * nx
     tip[3] -= along * ny
@@ -228,7 +229,7 @@ def keep_on_line(mechanism, state, at, j):
 
 
 @kernel
-def keep_angle(mechanism, state, tip, j):
+def keep_angle(mechanism, body, tip, j):
     """Move the tip along the row of D or of coupling j to where its angle is held; the unit normal of that path there.
 
     D is held at the margin between the distal links, a coupling at the angle at which it stuck.
@@ -239,9 +240,9 @@ def keep_angle(mechanism, state, tip, j):
         gx, gy, _ = row_of(mechanism, q, j)
         square = gx * gx + gy * gy
         if j == 4:
-            off = off_margin(mechanism, state, q)
+            off = off_margin(mechanism, body, q)
         else:
-            turned = (state.circle[0] - coupled_angle(mechanism, j, tip[0], tip[1])) / (2.0 * math.pi)
+            turned = (body.circle[0] - coupled_angle(mechanism, j, tip[0], tip[1])) / (2.0 * math.pi)
             off = 2.0 * math.pi * (turned - math.floor(turned + 0.5))
         tip[0] += gx * off / square
         tip[1] += gy * off / square
@@ -252,7 +253,7 @@ def keep_angle(mechanism, state, tip, j):
 
 
 @kernel
-def off_margin(mechanism, state, q):
+def off_margin(mechanism, body, q):
     """How far D is from the margin between the distal links in a `Motion` (rad)."""
     m1, m2, p, r = mechanism.arm_1, mechanism.arm_2, q.arm_1, q.arm_2
     sine = p.s * r.s * (p.base_x * r.base_y - p.base_y * r.base_x) / (m1.length_2 * m2.length_2)
@@ -260,4 +261,4 @@ def off_margin(mechanism, state, q):
     target = math.asin(mechanism.margin)
     if cosine < 0.0:
         target = math.pi - target
-    return state.distal_side * target - math.atan2(sine, cosine)
+    return body.distal_side * target - math.atan2(sine, cosine)

@@ -13,7 +13,7 @@ from core.kernels import kernel
 from core.mechanism import PLACES, STOP_E
 from core.simulator.hand import Hand
 from core.simulator.simulation import Ledger, Simulation, advance, apply
-from core.simulator.state import CARRIED, MR, STATE, Data, Model, pack_brakes
+from core.simulator.state import CARRIED, MR, Data, Model, carried, pack_brakes
 from core.simulator.stick_slip import STILL
 from core.simulator.stick_slip_mode import resolve, update_kinematics
 
@@ -34,17 +34,17 @@ class SimulatedDevice(Simulation):
     @property
     def tip(self) -> tuple[float, float]:
         """The place of the handle, m."""
-        x, y = self.state["tip"][0, :2].tolist()
+        x, y = self.body["tip"][0, :2].tolist()
         return x, y
 
     def begin(self) -> None:
         """Begin a trial. Our choice: the handle comes to rest where it is; yields and backlash stay as they were."""
-        state = self.state
-        state["tip"][0, 2:] = 0.0
-        state["carry"][0] = 0.0
-        state["held"][0] = STILL
-        state["added_by_brakes"][0] = 0.0
-        update_kinematics(self.mechanism[0], state[0])
+        body = self.body
+        body["tip"][0, 2:] = 0.0
+        body["carry"][0] = 0.0
+        body["held"][0] = STILL
+        self._ledger["added_by_brakes"][0] = 0.0
+        update_kinematics(self.mechanism[0], body[0])
         self._before = self.ledger()
 
     def settle(self, currents: np.ndarray, t: float) -> None:
@@ -65,11 +65,11 @@ class SimulatedDevice(Simulation):
         fresh = pack_brakes(self.device.brakes.stronger(strength), backlash=lagged)
         if backlash_rad is not None and lagged:
             fresh["play"] = np.where(fresh["present"] > 0.0, backlash_rad, 0.0)
-        before, now, state = self.brakes["play"][0].copy(), fresh["play"][0], self.state
-        share = np.divide(state["play"][0], before, out=np.full(4, 0.5), where=before > 0.0)
-        state["play"][0] = share * now
-        state["edge"][0] = np.where((before > 0.0) & (now > 0.0), state["edge"][0], 0.0)
-        state["settled"][0] = 0
+        before, now, braking = self.brakes["play"][0].copy(), fresh["play"][0], self.braking
+        share = np.divide(braking["play"][0], before, out=np.full(4, 0.5), where=before > 0.0)
+        braking["play"][0] = share * now
+        braking["edge"][0] = np.where((before > 0.0) & (now > 0.0), braking["edge"][0], 0.0)
+        self.body["settled"][0] = 0
         self.brakes[0] = fresh[0]
 
     def recorded_start(self) -> dict[str, Any]:
@@ -77,9 +77,10 @@ class SimulatedDevice(Simulation):
 
         state: of the device after the last trial (yields, backlash, stops, ledger); arm: constants of the hand.
         """
-        grip, parts = self.hand.grips, carried_parts(PLACES if self.device.mechanism.coupled else STOP_E)
+        grip, fields = self.hand.grips, carried(self.data)
+        parts = carried_parts(PLACES if self.device.mechanism.coupled else STOP_E)
         return {
-            "state": {name: self.state[name][0][part].tolist() for name, part in parts.items()},
+            "state": {name: fields[name][0][part].tolist() for name, part in parts.items()},
             "arm": {name: grip[name][0].tolist() for name in ("spring", "damping", "mass")},
         }
 
@@ -99,8 +100,8 @@ class SimulatedDevice(Simulation):
 def settle(model, data, currents, t):
     """See `SimulatedDevice.settle`."""
     model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
-    data = Data(data.hand, data.state[0], data.scratch[0])
-    apply(model, data.state, currents)
+    data = Data(data.hand, data.body[0], data.braking[0], data.ledger[0], data.scratch[0])
+    apply(model, data.braking, currents)
     resolve(model, data, t)
 
 
@@ -109,7 +110,7 @@ def move(model, data, currents, t, step):
     """See `SimulatedDevice.move`."""
     settle(model, data, currents, t)
     model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
-    advance(model, Data(data.hand, data.state[0], data.scratch[0]), currents, t, step)
+    advance(model, Data(data.hand, data.body[0], data.braking[0], data.ledger[0], data.scratch[0]), currents, t, step)
 
 
 def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
@@ -126,8 +127,9 @@ def ledger_warnings(before: Ledger, after: Ledger) -> list[str]:
 
 def start_again(simulation: Simulation, start: dict[str, Any]) -> None:
     """Bring a device and its hand to a recorded start of this version."""
+    fields = carried(simulation.data)
     for name, part in carried_parts(len(start["state"]["contact"])).items():
-        simulation.state[name][0, part] = start["state"][name]
+        fields[name][0, part] = start["state"][name]
     for name in ("spring", "damping", "mass"):
         simulation.hand.grips[name][0] = start["arm"][name]
 
@@ -136,11 +138,11 @@ def is_start(start: dict[str, Any]) -> bool:
     """Whether a recorded start is of this version: it holds every field of the device's state, and no other."""
     shapes = {name: np.shape(value) for name, value in start["state"].items()}
     return any(
-        shapes == {name: np.empty(STATE[name].shape)[part].shape for name, part in carried_parts(places).items()}
+        shapes == {name: np.empty(CARRIED[name])[part].shape for name, part in carried_parts(places).items()}
         for places in (STOP_E, PLACES)
     )
 
 
 def carried_parts(places: int) -> dict[str, Any]:
     """The part of each carried field that so many places use: only a device with couplings has all `PLACES`."""
-    return {name: slice(places) if STATE[name].shape[:1] == (PLACES,) else ... for name in CARRIED}
+    return {name: slice(places) if shape[:1] == (PLACES,) else ... for name, shape in CARRIED.items()}

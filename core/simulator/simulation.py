@@ -27,7 +27,18 @@ from core.simulator.solver_numbers import (
     UNEXPLAINED,
     UNEXPLAINED_J,
 )
-from core.simulator.state import FIDELITIES, IDEAL, STATIC, Data, Model, new_state, pack_brakes, pack_mechanism
+from core.simulator.state import (
+    BRAKING,
+    FIDELITIES,
+    IDEAL,
+    LEDGER,
+    STATIC,
+    Data,
+    Model,
+    new_body,
+    pack_brakes,
+    pack_mechanism,
+)
 from core.simulator.stepping import advance_stepping
 from core.simulator.stick_slip import STILL, same_line
 from core.simulator.stick_slip_mode import hand_changed, resolve, update_kinematics
@@ -43,16 +54,16 @@ STUCK, HAND, COMMANDS, ENERGIES = 9, 10, 12, 16
 
 
 @kernel
-def apply(model, state, commands):
+def apply(model, braking, commands):
     """Stage: yields from the commands (4,): yield torques (ideal), currents (static); mr has its lag."""
     brakes = model.brakes
     if model.fidelity == IDEAL:
         for i in range(4):
-            state.torque_yield[i] = commands[i]
+            braking.torque_yield[i] = commands[i]
     elif model.fidelity == STATIC:
         for i in range(4):
             if brakes.present[i] > 0.0:
-                state.torque_yield[i] = torque_gain(brakes, i, commands[i])
+                braking.torque_yield[i] = torque_gain(brakes, i, commands[i])
 
 
 @kernel
@@ -61,46 +72,47 @@ def advance(model, data, commands, t, h):
     if model.integrator == EVENT:
         advance_event(model, data, commands, t, h)
     elif model.integrator == STEPPING:
-        data.state.steps += 1
+        data.ledger.steps += 1
         advance_stepping(model, data, commands, t, h)
     else:
-        data.state.steps += 1
+        data.ledger.steps += 1
         advance_karnopp(model, data, commands, t, h)
 
 
 @kernel
-def stuck_bits(model, state):
+def stuck_bits(model, body, braking):
     """Which brakes are stuck (bit i for joint i): held, and able to hold anything."""
     bits = 0
     for i in range(4):
-        if model.brakes.present[i] > 0.0 and state.torque_yield[i] > 0.0:
-            if state.held == STILL or (state.held >= 0 and same_line(i, state.held, model.mechanism.lines)):
+        if model.brakes.present[i] > 0.0 and braking.torque_yield[i] > 0.0:
+            if body.held == STILL or (body.held >= 0 and same_line(i, body.held, model.mechanism.lines)):
                 bits |= 1 << i
     return bits
 
 
 @kernel
-def energy_residual(state):
+def energy_residual(body, ledger):
     """What the ledger leaves unexplained (J): kinetic + heat + stops - work of the hand - kinetic at the start."""
-    heat = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
-    return kinetic(state) + heat + state.lost_at_stops - state.work_hand - state.kinetic_start
+    heat = ledger.heat[0] + ledger.heat[1] + ledger.heat[2] + ledger.heat[3]
+    return kinetic(body) + heat + ledger.lost_at_stops - ledger.work_hand - ledger.kinetic_start
 
 
 @kernel
 def start(model, data):
     """A new state: rows and mass at its position, each joint slips as it moves, brakes off, the play in the middle."""
-    mechanism, brakes, state = model.mechanism[0], model.brakes[0], data.state[0]
-    state.distal_side = 1.0 if distal_sine(mechanism, state.tip[0], state.tip[1]) > 0.0 else -1.0
-    update_kinematics(mechanism, state)
-    state.kinetic_start = kinetic(state)
+    mechanism, brakes = model.mechanism[0], model.brakes[0]
+    body, braking, ledger = data.body[0], data.braking[0], data.ledger[0]
+    body.distal_side = 1.0 if distal_sine(mechanism, body.tip[0], body.tip[1]) > 0.0 else -1.0
+    update_kinematics(mechanism, body)
+    ledger.kinetic_start = kinetic(body)
     for j in range(PLACES):  # before `resolve` asks how a joint goes on that stands while these move
-        if abs(state.rate[j]) > RATE_ROUNDING:
-            state.sign[j] = 1.0 if state.rate[j] > 0.0 else -1.0
+        if abs(body.rate[j]) > RATE_ROUNDING:
+            body.sign[j] = 1.0 if body.rate[j] > 0.0 else -1.0
     for i in range(4):
-        state.play[i] = 0.5 * brakes.play[i]
-        state.edge[i] = 0.0
+        braking.play[i] = 0.5 * brakes.play[i]
+        braking.edge[i] = 0.0
         if model.fidelity != IDEAL and brakes.present[i] > 0.0:
-            state.torque_yield[i] = brakes.k[i, 1]
+            braking.torque_yield[i] = brakes.k[i, 1]
 
 
 class Schedule(NamedTuple):
@@ -126,11 +138,12 @@ def run_rows(model, data, schedule, grid, rows):
     A row of the schedule inside a step splits it, and so do the knots of a force table that the step would not see.
     """
     model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
-    data = Data(data.hand, data.state[0], data.scratch[0])
-    hand, state, times, values = data.hand, data.state, schedule.times, schedule.values
+    data = Data(data.hand, data.body[0], data.braking[0], data.ledger[0], data.scratch[0])
+    hand, body, braking, ledger = data.hand, data.body, data.braking, data.ledger
+    times, values = schedule.times, schedule.values
     per_row, step, cursor = grid.per_row, grid.step, 0
-    if state.settled != 0 and hand_changed(hand, state, grid.first_row * per_row * step):
-        state.settled = 0
+    if body.settled != 0 and hand_changed(hand, body, grid.first_row * per_row * step):
+        body.settled = 0
     for r in range(rows.shape[0]):
         row = grid.first_row + r
         for s in range(per_row):
@@ -139,7 +152,7 @@ def run_rows(model, data, schedule, grid, rows):
             while t < end:
                 while cursor + 1 < times.shape[0] and times[cursor + 1] <= t + EDGE_S:
                     cursor += 1
-                apply(model, state, values[cursor])
+                apply(model, braking, values[cursor])
                 if model.integrator == KARNOPP:
                     resolve_in_band(model, data, t)
                 else:
@@ -147,15 +160,15 @@ def run_rows(model, data, schedule, grid, rows):
                 if s == 0 and t == k * step:
                     rows[r, 0] = t
                     for i in range(4):
-                        rows[r, 1 + i] = state.tip[i]
-                        rows[r, 5 + i] = state.torque[i]
-                    rows[r, STUCK] = stuck_bits(model, state)
-                    rows[r, HAND], rows[r, HAND + 1] = state.hand_force[0], state.hand_force[1]
-                    rows[r, ENERGIES], rows[r, ENERGIES + 1] = state.work_hand, 0.0
+                        rows[r, 1 + i] = body.tip[i]
+                        rows[r, 5 + i] = braking.torque[i]
+                    rows[r, STUCK] = stuck_bits(model, body, braking)
+                    rows[r, HAND], rows[r, HAND + 1] = body.hand_force[0], body.hand_force[1]
+                    rows[r, ENERGIES], rows[r, ENERGIES + 1] = ledger.work_hand, 0.0
                     for i in range(4):
                         rows[r, COMMANDS + i] = values[cursor, i]
-                        rows[r, ENERGIES + 1] += state.heat[i]
-                    rows[r, ENERGIES + 2], rows[r, ENERGIES + 3] = kinetic(state), state.lost_at_stops
+                        rows[r, ENERGIES + 1] += ledger.heat[i]
+                    rows[r, ENERGIES + 2], rows[r, ENERGIES + 3] = kinetic(body), ledger.lost_at_stops
                     if row == grid.last_row:
                         return
                 until = end
@@ -208,7 +221,7 @@ class Simulation:
         integrator: str = "event",
         hand: Hand | None = None,
     ):
-        """At a tip (m) with a velocity (m/s). Before a run, `tolerance` and `delta_omega` of its state may be set."""
+        """At a tip (m) with a velocity (m/s). Before a run, `tolerance` and `delta_omega` of its body may be set."""
         self.device = device
         self.fidelity = FIDELITIES.index(fidelity)
         self.integrator = INTEGRATORS.index(integrator)
@@ -216,8 +229,9 @@ class Simulation:
         self.brakes = pack_brakes(device.brakes, backlash=fidelity == "mr")
         self.hand = hand if hand is not None else new_hand()
         self.step_scratch = new_record(STEP_SCRATCH)
-        self.state = new_state(*tip, *velocity)
-        self.state["delta_omega"][0] = DELTA_OMEGA
+        self.body, self.braking = new_body(*tip, *velocity), new_record(BRAKING)
+        self._ledger = new_record(LEDGER)
+        self.body["delta_omega"][0] = DELTA_OMEGA
         start(self.model, self.data)
 
     @property
@@ -228,7 +242,7 @@ class Simulation:
     @property
     def data(self) -> Data:
         """The changing part, as kernels take it."""
-        return Data(self.hand, self.state, self.step_scratch)
+        return Data(self.hand, self.body, self.braking, self._ledger, self.step_scratch)
 
     def rows(self, n: int, schedule: Schedule, grid: Grid) -> np.ndarray:
         """n output rows (n, ROW_WIDTH); call again to go on."""
@@ -243,9 +257,9 @@ class Simulation:
 
     def ledger(self) -> Ledger:
         """The energy ledger and the counters now."""
-        s = self.state
+        s, body = self._ledger, self.body
         return Ledger(
             float(s["work_hand"][0]), tuple(map(float, s["heat"][0])), float(s["lost_at_stops"][0]),
-            float(kinetic(s[0])), float(energy_residual(s[0])), float(s["added_by_brakes"][0]),
+            float(kinetic(body[0])), float(energy_residual(body[0], s[0])), float(s["added_by_brakes"][0]),
             int(s["steps"][0]), int(s["events"][0]), int(s["fallbacks"][0]),
         )  # fmt: skip

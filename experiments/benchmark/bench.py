@@ -138,7 +138,7 @@ def new_simulation(run: BenchRun, delta_omega: float = DELTA_OMEGA) -> Simulatio
     """The scene before its first step; delta_omega: the band of `karnopp`, rad/s."""
     device = without_backlash(run.scene.device)
     simulation = Simulation(device, START, (0.0, 0.0), run.fidelity, run.integrator, run.scene.hand())
-    simulation.state["delta_omega"][0] = delta_omega
+    simulation.body["delta_omega"][0] = delta_omega
     return simulation
 
 
@@ -234,8 +234,8 @@ def karnopp_band(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dic
         rms, _ = errors(simulated(run, delta_omega)[1], tips)
     else:
         still = new_simulation(run, delta_omega)
-        fastest = np.linalg.norm(still.state["g"][0, :4], axis=1).max()  # rad/s of a joint per m/s of the tip
-        still.state["tip"][0, 2:] = 0.5 * delta_omega / fastest, 0.0
+        fastest = np.linalg.norm(still.body["g"][0, :4], axis=1).max()  # rad/s of a joint per m/s of the tip
+        still.body["tip"][0, 2:] = 0.5 * delta_omega / fastest, 0.0
         rows = still.rows(2, run.schedule, Grid(0, 1, round(scene.duration_s / run.step), run.step))
         creeps = float(np.linalg.norm(rows[-1, 1:3] - START) / scene.duration_s)
     return {"delta_omega_rad_s": delta_omega, "device": scene.device.name, "scene": scene.name, "rms_error_m": rms,

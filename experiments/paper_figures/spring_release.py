@@ -60,7 +60,7 @@ def release(device: Device, start: tuple[float, float], anchor: tuple[float, flo
         pull = np.array(anchor) - tip
         hand.forces[0] = FORCE_N * pull / math.hypot(*pull)
         rows.append(simulation.rows(1, Schedule(at_once, currents), Grid(held + k, -1, 1, STEP_S))[0])
-        tip = simulation.state["tip"][0, :2].copy()
+        tip = simulation.body["tip"][0, :2].copy()
     table = np.array(rows)
     return Release(locked, table[:, 0] - HOLD_S, table[:, 1:3])
 

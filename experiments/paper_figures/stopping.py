@@ -49,8 +49,8 @@ def simulated_way(device: Device, tip: tuple[float, float], push: float, speed: 
         along = np.array([math.cos(angle), math.sin(angle)])
         simulated = SimulatedDevice(device, tip, spring_hand((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
         simulated.settle(np.zeros(4), 0.0)
-        simulated.state["tip"][0, 2:] = speed * along
-        simulated.state["held"][0] = FREE if speed else STILL
+        simulated.body["tip"][0, 2:] = speed * along
+        simulated.body["held"][0] = FREE if speed else STILL
         simulated.hand.grips["held"][0] = push * along
         furthest = 0.0
         for n in range(round(STOPPED_S / 1e-3)):

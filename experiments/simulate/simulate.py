@@ -109,7 +109,7 @@ def new_simulation(scene: Scene) -> Simulation:
     (x, y), (vx, vy) = scene.initial_tip, scene.initial_velocity
     hand = new_hand(scene.force_t, scene.force)
     simulation = Simulation(scene.device, (x, y), (vx, vy), scene.fidelity, scene.integrator, hand)
-    simulation.state["tolerance"][0] = scene.tolerance
+    simulation.body["tolerance"][0] = scene.tolerance
     return simulation
 
 

@@ -22,7 +22,7 @@ from core.mechanism import JOINTS
 from core.path import Path as PathAhead
 from core.path import build_path
 from core.simulator.simulation import EVENT
-from core.simulator.state import MR, Model, new_state, pack_brakes, pack_mechanism
+from core.simulator.state import MR, Model, new_body, pack_brakes, pack_mechanism
 from core.workspace import tip_is_free
 from experiments.analysis import steering
 from experiments.analysis.metrics import METRICS, trial_metrics
@@ -320,7 +320,7 @@ def check_decisions(recording: Recording, device: Device, conditions: Conditions
     codes, currents = np.zeros(len(given), dtype=np.int64), np.zeros((len(given), 4))
     model = Model(pack_mechanism(device.mechanism), pack_brakes(device.brakes, backlash=False), MR, EVENT)
     decisions = Decisions(given, taken, new_memory(), codes, currents)
-    decide_again(controller, path, model, new_state(0.0, 0.0), sensing, decisions)
+    decide_again(controller, path, model, new_body(0.0, 0.0), sensing, decisions)
     codes, currents = codes[taken], currents[taken]
     words = np.array(conditions.preset.decisions, dtype=object)
     different = words[codes] != recording.text("decision")[taken]

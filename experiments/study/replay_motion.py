@@ -156,18 +156,18 @@ class ReplayedDevice(SimulatedDevice):
 
     def begin(self) -> None:
         """Begin as the trial before had left the device; or as tip and hand of the recorded movement show it."""
-        recording, first, state = self.recorded.recording, self.recorded.first, self.state
+        recording, first, body = self.recorded.recording, self.recorded.first, self.body
         if self.whole:
             with reading_stored(recording.path):
                 start_again(self, recording.metadata["start"])
         else:
-            state["tip"][0, 2:] = [recording.column(name)[first] for name in ("tip_vx_m_s", "tip_vy_m_s")]
+            body["tip"][0, 2:] = [recording.column(name)[first] for name in ("tip_vx_m_s", "tip_vy_m_s")]
             start(self.model, self.data)
-            state["play"][0], state["edge"][0] = play_after(recording, first, self.device)
-            rate = state["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
-            state["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)
+            self.braking["play"][0], self.braking["edge"][0] = play_after(recording, first, self.device)
+            rate = body["rate"][0]  # each brake slips as it did; one without a rate sticks if it can
+            body["sign"][0] = np.where(np.abs(rate) > RATE_ROUNDING, np.sign(rate), 0.0)
             last = max(first - 1, 0)  # the last hand force before the controller's first decision
-            state["hand_force"][0] = [recording.column(name)[last] for name in ("hand_fx_N", "hand_fy_N")]
+            body["hand_force"][0] = [recording.column(name)[last] for name in ("hand_fx_N", "hand_fy_N")]
         self._before = self.ledger()
 
 

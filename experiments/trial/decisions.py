@@ -23,17 +23,17 @@ class Decisions(NamedTuple):
 
 
 @kernel
-def decide_again(controller, path, model, states, sensing, decisions):
-    """Fill in the decisions of a trial from its rows alone, from the first tick on; states: one STATE, work space."""
-    mechanism, state, sensors, memory = model.mechanism[0], states[0], sensing.sensors[0], decisions.memory
+def decide_again(controller, path, model, bodies, sensing, decisions):
+    """Fill in the decisions of a trial from its rows alone, from the first tick on; bodies: one BODY, work space."""
+    mechanism, body, sensors, memory = model.mechanism[0], bodies[0], sensing.sensors[0], decisions.memory
     for n in range(decisions.given.shape[0]):
-        given, seen = decisions.given[n], state
+        given, seen = decisions.given[n], body
         for i in range(4):
-            state.tip[i] = given[i]
-        update_kinematics(mechanism, state)
+            body.tip[i] = given[i]
+        update_kinematics(mechanism, body)
         if sensors.on != 0:
             seen = sensing.seen[0]
-            see(mechanism, state, sensors, seen)
+            see(mechanism, body, sensors, seen)
         if decisions.taken[n]:
             memory[WANTED], memory[WANTED + 1] = given[6], given[7]
             sensed = seen_in(seen.tip, given[4:6])

@@ -20,7 +20,7 @@ from core.device_interface import encoder_step, velocity_noise
 from core.kernels import kernel
 from core.linkage import joint_angles
 from core.records import new_record
-from core.simulator.state import new_state
+from core.simulator.state import new_body
 from core.simulator.stick_slip_mode import update_kinematics
 from core.tick_log import TICK_S
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
@@ -43,7 +43,7 @@ SENSING = np.dtype(
 
 
 class EncoderSensing(NamedTuple):
-    """The sensors of a simulated device, and what its controller sees: a state of which motion and force are filled."""
+    """The sensors of a simulated device, and what its controller sees: a body of which motion and force are filled."""
 
     sensors: np.ndarray
     seen: np.ndarray
@@ -59,7 +59,7 @@ def new_sensing(device: Device, assumptions: Assumptions) -> EncoderSensing:
         window, delay = assumptions.filter_samples, assumptions.delay_samples
         steps = np.array(counts) / (2.0 * math.pi)
         record = new_record(SENSING, on=1, steps=steps, pairs=pairs, window=window, delay=delay)
-    return EncoderSensing(record.view(np.ndarray), new_state(0.0, 0.0).view(np.ndarray))
+    return EncoderSensing(record.view(np.ndarray), new_body(0.0, 0.0).view(np.ndarray))
 
 
 def decision_noise(device: Device, tip: tuple[float, float], assumptions: Assumptions) -> float:
@@ -86,14 +86,14 @@ AS_ON_THE_BENCH = Assumptions(sensing=ENCODERS)
 
 
 @kernel
-def see(mechanism, state, sensing, seen):
+def see(mechanism, body, sensing, seen):
     """Stage: take a sample of the device; the one that reaches the controller now becomes `seen`."""
     n, ring = sensing.taken, sensing.ring
-    x, y = counted_tip(mechanism, state, sensing)
+    x, y = counted_tip(mechanism, body, sensing)
     for k in range(_RING if n == 0 else 1):  # as if it had rested there before
         sample = ring[(n + k) & _LAST]
         sample[0], sample[1] = x, y
-        sample[2], sample[3] = state.hand_force[0], state.hand_force[1]
+        sample[2], sample[3] = body.hand_force[0], body.hand_force[1]
     sensing.taken = n + 1
     newest = ring[(n - sensing.delay) & _LAST]
     window = sensing.window
@@ -109,11 +109,11 @@ def see(mechanism, state, sensing, seen):
 
 
 @kernel
-def counted_tip(mechanism, state, sensing):
+def counted_tip(mechanism, body, sensing):
     """The tip (m) by the counts of the encoders, from the true one and its rows g: exact to the counts' square."""
-    g, theta = state.g, sensing.theta
-    joint_angles(mechanism, state.tip[0], state.tip[1], theta)
-    x, y = state.tip[0], state.tip[1]
+    g, theta = body.g, sensing.theta
+    joint_angles(mechanism, body.tip[0], body.tip[1], theta)
+    x, y = body.tip[0], body.tip[1]
     for k in range(2):
         i, j = sensing.pairs[k, 0], sensing.pairs[k, 1]
         a = math.floor(theta[i] * sensing.steps[i] + 0.5) / sensing.steps[i] - theta[i]

@@ -144,7 +144,7 @@ class RealTrial(Trial):
         """The row of a sample, behind those of samples that were lost before it; none after the last tick."""
         self._check_sample(sample)
         if self._last is None:
-            self.simulation.state["distal_side"][0] = math.copysign(
+            self.simulation.body["distal_side"][0] = math.copysign(
                 1.0, distal_sine(self.simulation.mechanism[0], *sample.tip)
             )
         sensed = sensed_row(sample, self._bench.encoders, 1e6 * (now - sample.t_s))

@@ -181,12 +181,12 @@ def run_ticks(trial, rows):
     """
     model, data = trial.model, trial.data
     model = Model(model.mechanism[0], model.brakes[0], model.fidelity, model.integrator)
-    data = Data(data.hand, data.state[0], data.scratch[0])
+    data = Data(data.hand, data.body[0], data.braking[0], data.ledger[0], data.scratch[0])
     trial = RunningTrial(
         trial.path, trial.way, trial.controller, model, data, trial.run[0], trial.operator[0], trial.noise,
         trial.memory, trial.sensing,
     )  # fmt: skip
-    run, state, memory, sensors = trial.run, data.state, trial.memory, trial.sensing.sensors[0]
+    run, body, braking, memory, sensors = trial.run, data.body, data.braking, trial.memory, trial.sensing.sensors[0]
     for n in range(rows.shape[0]):
         if run.finished != 0:
             return n
@@ -195,23 +195,23 @@ def run_ticks(trial, rows):
             begin(trial)
         if run.real != 0:
             sense(trial, row)
-        seen = state
+        seen = body
         if sensors.on != 0:
             seen = trial.sensing.seen[0]
-            see(model.mechanism, state, sensors, seen)
+            see(model.mechanism, body, sensors, seen)
         next_phase(trial)
         if run.real != 0:
             guard(trial, row)
         if run.simulated_hand != 0:
             now = Moment(run.phase, run.tick, run.phase_tick)
-            operate(trial.operator, data.hand.grips[0], trial.way, now, state.tip, trial.noise)
+            operate(trial.operator, data.hand.grips[0], trial.way, now, body.tip, trial.noise)
         memory[WANTED] = memory[WANTED + 1] = memory[NEAREST] = memory[NEAREST + 1] = memory[HOLDS] = math.nan
         if run.slave.on != 0:
             follow_master(run.slave, seen.tip, run.tick, memory)
         choose_currents(trial, seen, row)
         row[log.SENSED_FX], row[log.SENSED_FY] = seen.hand_force[0], seen.hand_force[1]
         if run.real == 0:
-            apply(model, state, run.current)
+            apply(model, braking, run.current)
             resolve(model, data, t)
         log_row(trial, t, row)
         log_shown(trial, row)
@@ -232,7 +232,7 @@ def step_device(trial, t):
     step = TICK_S / run.substeps
     for k in range(run.substeps):
         if k > 0:
-            apply(model, data.state, run.current)
+            apply(model, data.braking, run.current)
             resolve(model, data, t + k * step)
         advance_event(model, data, run.current, t + k * step, step)
 
@@ -240,59 +240,59 @@ def step_device(trial, t):
 @kernel
 def begin(trial):
     """First tick: the ledger's zero, and the operator sets out for the start."""
-    run, state = trial.run, trial.data.state
-    run.energy_zero[0] = state.work_hand
-    run.energy_zero[1] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3]
-    run.energy_zero[2] = state.lost_at_stops
+    run, body, ledger = trial.run, trial.data.body, trial.data.ledger
+    run.energy_zero[0] = ledger.work_hand
+    run.energy_zero[1] = ledger.heat[0] + ledger.heat[1] + ledger.heat[2] + ledger.heat[3]
+    run.energy_zero[2] = ledger.lost_at_stops
     if run.simulated_hand != 0:
-        begin_approach(trial.operator, state.tip[0], state.tip[1], trial.way)
+        begin_approach(trial.operator, body.tip[0], body.tip[1], trial.way)
 
 
 @kernel
 def sense(trial, row):
     """Stage: a real device's sample becomes the state, with what follows from it by linkage and brake model."""
-    state, grip = trial.data.state, trial.data.hand.grips[0]
+    body, braking, ledger, grip = trial.data.body, trial.data.braking, trial.data.ledger, trial.data.hand.grips[0]
     for i in range(4):
-        state.tip[i] = row[log.TIP_X + i]
-    state.acceleration[0], state.acceleration[1] = row[log.TIP_AX], row[log.TIP_AY]
-    state.hand_force[0], state.hand_force[1] = row[log.HAND_FX], row[log.HAND_FY]
+        body.tip[i] = row[log.TIP_X + i]
+    body.acceleration[0], body.acceleration[1] = row[log.TIP_AX], row[log.TIP_AY]
+    body.hand_force[0], body.hand_force[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.held[0], grip.held[1] = row[log.HAND_FX], row[log.HAND_FY]
     grip.target[0], grip.target[1] = row[log.TIP_X], row[log.TIP_Y]
-    update_kinematics(trial.model.mechanism, state)
-    estimate_energies(trial.model.brakes, state, trial.run.bench, row)
+    update_kinematics(trial.model.mechanism, body)
+    estimate_energies(trial.model.brakes, body, braking, ledger, trial.run.bench, row)
 
 
 @kernel
-def estimate_energies(brakes, state, bench, row):
+def estimate_energies(brakes, body, braking, ledger, bench, row):
     """A real device's ledger over the last tick and its torques, estimated from sensors and brake model."""
-    power = state.hand_force[0] * state.tip[2] + state.hand_force[1] * state.tip[3]
-    state.work_hand += 0.5 * (power + bench.power) * TICK_S
+    power = body.hand_force[0] * body.tip[2] + body.hand_force[1] * body.tip[3]
+    ledger.work_hand += 0.5 * (power + bench.power) * TICK_S
     bench.power = power
     for i in range(4):
-        state.torque[i] = 0.0
+        braking.torque[i] = 0.0
         if brakes.present[i] == 0.0:
             continue
         current = row[log.MEASURED + i]
         current = min(max(current, 0.0), brakes.current_max[i]) if math.isfinite(current) else 0.0
         gain = torque_gain(brakes, i, current)
-        constant = time_constant(brakes, i, current, state.rate[i], gain > state.torque_yield[i])
-        state.torque_yield[i] = lagged_yield(gain, state.torque_yield[i], TICK_S, constant)
-        if abs(state.rate[i]) >= RESTING_RAD_S:
-            state.torque[i] = -math.copysign(state.torque_yield[i], state.rate[i])
-        state.heat[i] += state.torque_yield[i] * abs(state.rate[i]) * TICK_S
+        constant = time_constant(brakes, i, current, body.rate[i], gain > braking.torque_yield[i])
+        braking.torque_yield[i] = lagged_yield(gain, braking.torque_yield[i], TICK_S, constant)
+        if abs(body.rate[i]) >= RESTING_RAD_S:
+            braking.torque[i] = -math.copysign(braking.torque_yield[i], body.rate[i])
+        ledger.heat[i] += braking.torque_yield[i] * abs(body.rate[i]) * TICK_S
 
 
 @kernel
 def next_phase(trial):
     """Stage: the trial's phases; a force that is not finite or a stop from outside ends it at once, brakes off."""
-    run, path, state, grip = trial.run, trial.path, trial.data.state, trial.data.hand.grips[0]
-    x, y = state.tip[0], state.tip[1]
+    run, path, body, grip = trial.run, trial.path, trial.data.body, trial.data.hand.grips[0]
+    x, y = body.tip[0], body.tip[1]
     if run.phase == END:
         return
     wanted = grip.target[0] + grip.target[1] + grip.target[2] + grip.target[3] + grip.held[0] + grip.held[1]
     if not math.isfinite(wanted):
         for i in range(4):
-            grip.target[i] = state.tip[i] if i < 2 else 0.0
+            grip.target[i] = body.tip[i] if i < 2 else 0.0
         grip.held[0] = grip.held[1] = 0.0
         enter(run, END, ABORTED, FORCE_NOT_FINITE)
         return
@@ -342,7 +342,7 @@ def enter(run, phase, status, reason):
 @kernel
 def guard(trial, row):
     """Stage: the trial ends, brakes off, where a real device does not obey, or it or the hand must be spared."""
-    run, bench, state, brakes = trial.run, trial.run.bench, trial.data.state, trial.model.brakes
+    run, bench, body, brakes = trial.run, trial.run.bench, trial.data.body, trial.model.brakes
     if run.phase == END:
         return
     if disobeys(brakes, run, row):
@@ -350,8 +350,8 @@ def guard(trial, row):
         return
     if run.phase != MOVE:  # no currents flow
         return
-    x, y, vx, vy, scratch = state.tip[0], state.tip[1], state.tip[2], state.tip[3], trial.data.scratch
-    stop_gap(trial.model.mechanism, state.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
+    x, y, vx, vy, scratch = body.tip[0], body.tip[1], body.tip[2], body.tip[3], trial.data.scratch
+    stop_gap(trial.model.mechanism, body.distal_side, x, y, scratch.theta, scratch.gap, scratch.gap_side)
     for j in range(PLACES):
         if not scratch.gap[j] >= -PLACE_SLACK:
             enter(run, END, ABORTED, OUT_OF_PLACE)
@@ -359,7 +359,7 @@ def guard(trial, row):
     if not math.sqrt(vx * vx + vy * vy) <= SPEED_MAX_M_S:
         enter(run, END, ABORTED, TOO_FAST)
         return
-    pushed = math.sqrt(state.hand_force[0] ** 2 + state.hand_force[1] ** 2) >= bench.release_force
+    pushed = math.sqrt(body.hand_force[0] ** 2 + body.hand_force[1] ** 2) >= bench.release_force
     if pushed and full_lock(brakes, run.current):
         bench.trapped_ticks += 1
         if bench.trapped_ticks >= bench.release_ticks:
@@ -429,18 +429,19 @@ def log_field(field, memory, row):
 @kernel
 def log_row(trial, t, row):
     """Stage: one row of the log, after the events at t; a real device's sample stands in it already."""
-    run, state, grip = trial.run, trial.data.state, trial.data.hand.grips[0]
+    run, data, grip = trial.run, trial.data, trial.data.hand.grips[0]
+    body, braking, ledger = data.body, data.braking, data.ledger
     row[log.T], row[log.PHASE], row[log.DECISION] = t, run.phase, run.decision
-    row[log.TIP_AX], row[log.TIP_AY] = state.acceleration[0], state.acceleration[1]
-    row[log.HAND_FX], row[log.HAND_FY] = state.hand_force[0], state.hand_force[1]
+    row[log.TIP_AX], row[log.TIP_AY] = body.acceleration[0], body.acceleration[1]
+    row[log.HAND_FX], row[log.HAND_FY] = body.hand_force[0], body.hand_force[1]
     for i in range(4):
-        row[log.TIP_X + i] = state.tip[i]
-        row[log.CURRENT + i], row[log.TORQUE + i] = run.current[i], state.torque[i]
-    row[log.STUCK] = stuck_bits(trial.model, state) if run.real == 0 else resting_bits(trial.model.brakes, state)
-    row[log.ENERGY_HAND] = state.work_hand - run.energy_zero[0]
-    row[log.ENERGY_BRAKES] = state.heat[0] + state.heat[1] + state.heat[2] + state.heat[3] - run.energy_zero[1]
-    row[log.ENERGY_KINETIC] = kinetic(state)
-    row[log.ENERGY_STOPS] = state.lost_at_stops - run.energy_zero[2]
+        row[log.TIP_X + i] = body.tip[i]
+        row[log.CURRENT + i], row[log.TORQUE + i] = run.current[i], braking.torque[i]
+    row[log.STUCK] = stuck_bits(trial.model, body, braking) if run.real == 0 else resting_bits(trial.model.brakes, body)
+    row[log.ENERGY_HAND] = ledger.work_hand - run.energy_zero[0]
+    row[log.ENERGY_BRAKES] = ledger.heat[0] + ledger.heat[1] + ledger.heat[2] + ledger.heat[3] - run.energy_zero[1]
+    row[log.ENERGY_KINETIC] = kinetic(body)
+    row[log.ENERGY_STOPS] = ledger.lost_at_stops - run.energy_zero[2]
     row[log.TARGET_X], row[log.TARGET_Y] = grip.target[0], grip.target[1]
     if run.real == 0:  # else it is how late the sample came, and the hand is a person's
         row[log.LATENESS_US] = 0.0
@@ -453,7 +454,7 @@ def log_row(trial, t, row):
 @kernel
 def log_shown(trial, row):
     """Stage: into the row, the force to be shown, the nearest that brakes can exert, and theirs, Eq. (7)."""
-    state, slave, memory = trial.data.state, trial.run.slave, trial.memory
+    body, braking, slave, memory = trial.data.body, trial.data.braking, trial.run.slave, trial.memory
     row[log.SLAVE_X] = slave.place[0] if slave.on != 0 else math.nan
     row[log.SLAVE_Y] = slave.place[1] if slave.on != 0 else math.nan
     for axis in range(2):
@@ -462,14 +463,14 @@ def log_shown(trial, row):
         if math.isfinite(memory[WANTED + axis]):
             shown = 0.0
             for i in range(4):
-                shown += state.g[i, axis] * state.torque[i]
+                shown += body.g[i, axis] * braking.torque[i]
             row[log.SHOWN_FX + axis] = shown
 
 
 @kernel
 def log_obstacle(trial, row):
     """Stage: into the row, how far the nearest obstacle is, and whether the guard can keep the tip out of it."""
-    around, tip = trial.controller.around[0], trial.data.state.tip
+    around, tip = trial.controller.around[0], trial.data.body.tip
     row[log.GUARD_HOLDS] = trial.memory[HOLDS]
     row[log.OBSTACLE_DISTANCE] = math.nan
     if around.count > 0:
@@ -477,10 +478,10 @@ def log_obstacle(trial, row):
 
 
 @kernel
-def resting_bits(brakes, state):
+def resting_bits(brakes, body):
     """Which brakes of a real device rest (bit i for joint i): whether they hold is not known."""
     bits = 0
     for i in range(4):
-        if brakes.present[i] != 0.0 and abs(state.rate[i]) < RESTING_RAD_S:
+        if brakes.present[i] != 0.0 and abs(body.rate[i]) < RESTING_RAD_S:
             bits |= 1 << i
     return bits

@@ -64,7 +64,9 @@ class TrialState(NamedTuple):
     """All that running a trial changes: records, each an array of one, and the end."""
 
     grips: np.ndarray  # core.simulator.hand.GRIP
-    device: np.ndarray  # core.simulator.state.STATE
+    body: np.ndarray  # core.simulator.state.BODY
+    braking: np.ndarray  # BRAKING
+    ledger: np.ndarray  # LEDGER
     scratch: np.ndarray  # of the integrator
     run: np.ndarray  # tick.RUN
     operator: np.ndarray  # OPERATOR
@@ -107,10 +109,11 @@ class Trial(ABC):
     @property
     def state(self) -> TrialState:
         """What running the trial changes, as it is now: the records themselves, no copies."""
-        hand, device, scratch = self.simulation.data
+        data = self.simulation.data
         return TrialState(
-            hand.grips, device, scratch, self._run, self._operator, self._memory, self.sensing.sensors, self._end
-        )
+            data.hand.grips, data.body, data.braking, data.ledger, data.scratch,
+            self._run, self._operator, self._memory, self.sensing.sensors, self._end,
+        )  # fmt: skip
 
     def take_back(self, returned: TrialState) -> None:
         """Take over the state of a copy that another process has run; the device is then as that trial left it."""
@@ -169,7 +172,7 @@ class Trial(ABC):
     @property
     def tip(self) -> tuple[float, float]:
         """The place of the handle, now or when it was last known, m."""
-        x, y = self.simulation.state["tip"][0, :2].tolist()
+        x, y = self.simulation.body["tip"][0, :2].tolist()
         return x, y
 
     @property

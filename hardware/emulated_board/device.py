@@ -109,7 +109,7 @@ class EmulatedDevice:
         self._simulated = SimulatedDevice(device, tip, hand.hand)
         #: views of the state: tip x, y, vx, vy (m, m/s), acceleration (m/s2), hand force (N)
         self.motion, self.acceleration, self.hand_force = (
-            self._simulated.state[name].view(np.ndarray)[0] for name in ("tip", "acceleration", "hand_force")
+            self._simulated.body[name].view(np.ndarray)[0] for name in ("tip", "acceleration", "hand_force")
         )
         self._ticks = 0
 

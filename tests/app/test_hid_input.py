@@ -48,7 +48,7 @@ def test_the_deflection_is_the_force_at_the_handle_and_the_pointer_has_no_say(pl
     setup.take_handle(simulation)
     ring.aim(0.0, 0.35)
     grip = simulation.hand.grips[0]
-    take_aim(ring.control, grip, simulation.state[0].tip, tick_log.MOVE, PAPER.mouse.force_max_N)
+    take_aim(ring.control, grip, simulation.body[0].tip, tick_log.MOVE, PAPER.mouse.force_max_N)
     assert grip_force(grip, 0.0, 0.35, 0.2, 0.1) == (10.0, -20.0) and not ring.control.taken
 
 

@@ -168,7 +168,7 @@ def test_before_and_after_the_movement_the_spring_goes_home_from_where_the_point
 def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> None:
     running = Running(Ring())
     force_max = float(PAPER.mouse.force_max_N)
-    running.ring.aim(*running.trial.data.state[0].tip[:2])
+    running.ring.aim(*running.trial.data.body[0].tip[:2])
     running.until(20)
     running.ring.let_go()
     running.until(40)
@@ -182,7 +182,7 @@ def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> 
 def test_the_grip_of_a_pen_is_the_share_of_the_springs_stiffness_in_every_tick_and_ends_with_the_trial() -> None:
     running = Running(Ring())
     own = running.trial.data.hand.grips["stiffness"][0].copy()
-    at = running.trial.data.state[0].tip[:2]
+    at = running.trial.data.body[0].tip[:2]
     for ticks, grip in ((20, 1.0), (40, 0.25), (60, 0.5)):
         running.ring.aim(*at, grip)
         running.until(ticks)

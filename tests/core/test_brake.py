@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_constant, torque_gain
 from core.device import load_device, without_backlash
 from core.linkage import tip_force_map
+from core.records import new_record
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import new_state, pack_brakes, pack_mechanism
+from core.simulator.state import BRAKING, new_body, pack_brakes, pack_mechanism
 from core.simulator.stick_slip_mode import set_costs
 
 FILE = THREE.device.brake_files["A"]
@@ -105,11 +106,11 @@ def test_without_a_time_constant_output_equals_input():
 def test_inside_the_backlash_each_direction_has_its_own_yield():
     """At the upper edge the brake holds its yield against + motion and k_2 against - motion; k_2 both ways inside."""
     for edge, plus, minus in ((1.0, 4.0, 0.35), (-1.0, 0.35, 4.0), (0.0, 0.35, 0.35)):
-        state = new_state(*START)[0]
-        state.torque_yield[:3], state.edge[:3] = 4.0, edge
-        set_costs(BRAKES, state)
-        assert (state.cost_plus[0], state.cost_minus[0]) == (plus, minus)
-        assert state.active[3] == 0
+        braking = new_record(BRAKING)[0]
+        braking.torque_yield[:3], braking.edge[:3] = 4.0, edge
+        set_costs(BRAKES, new_body(*START)[0], braking)
+        assert (braking.cost_plus[0], braking.cost_minus[0]) == (plus, minus)
+        assert braking.active[3] == 0
 
 
 def test_locked_tip_with_backlash_roams_within_the_play(bench):
@@ -122,7 +123,7 @@ def test_locked_tip_with_backlash_roams_within_the_play(bench):
     for backlash in (True, False):
         device = bench.device if backlash else without_backlash(bench.device)
         simulation = Simulation(device, START, fidelity="mr")
-        simulation.state["torque_yield"][0] = 5.3 * currents  # already locked
+        simulation.braking["torque_yield"][0] = 5.3 * currents  # already locked
         hand = spring_hand((0.0, 0.0, 0.0), (200.0, 0.0, 200.0))  # slow, so that the ends of the play are met gently
         simulation.hand.grips[0] = hand.grips[0]
         simulation.hand.grips["wave"][0] = [[10.0, 6.0, 0.0], [10.0, 6.0, 1.57]]
@@ -143,10 +144,10 @@ def test_reversal_leaves_the_yield_for_the_width_of_the_play():
         currents = np.array([0.6, 0.0, 0.0, 0.0])
         hand = new_hand(forces=np.array([[60.0, 0.0]]))
         simulation = Simulation(bar.device, START, tuple(v), fidelity="mr", hand=hand)
-        simulation.state["torque_yield"][0, 0] = 3.4
+        simulation.braking["torque_yield"][0, 0] = 3.4
         side = math.copysign(1.0, g[0] @ v)
-        simulation.state["edge"][0, 0] = -side
-        simulation.state["play"][0, 0] = 0.0 if side > 0 else PLAY
+        simulation.braking["edge"][0, 0] = -side
+        simulation.braking["play"][0, 0] = 0.0 if side > 0 else PLAY
         rows = simulation.run(0.12, 1e-4, currents)
         turned = np.abs(np.array([bar.angles(p)[0] for p in rows[:, 1:3]]) - bar.angles(np.array(START))[0])
         inside, outside = turned < PLAY - 1e-5, turned > PLAY + 1e-5

@@ -13,7 +13,7 @@ from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.simulated_device import SimulatedDevice, is_start, start_again
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import CARRIED
+from core.simulator.state import carried
 from experiments.benchmark.reference import reference_tips
 from experiments.benchmark.scenes import START, BenchScene
 
@@ -59,7 +59,7 @@ def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity)
     commands = yields(bar, 0.3, **{joint: 5.6})
     if fidelity == "mr":
         commands = yields(bar, 0.0, **{joint: 1.0})
-        simulation.state["torque_yield"][0] = [5.3 if j == joint else 0.35 for j in JOINTS]
+        simulation.braking["torque_yield"][0] = [5.3 if j == joint else 0.35 for j in JOINTS]
     rows = simulation.run(10.0, 1e-3, commands)
     turned = angles(bar, joint, rows[:, 1:3])
     assert np.ptp(rows[:, 1]) + np.ptp(rows[:, 2]) > 0.01
@@ -127,5 +127,6 @@ def test_the_start_of_a_trial_is_recorded_and_taken_up_again_as_long_as_without_
     assert is_start(start) and len(start["state"]["contact"]) == places
     assert not is_start({**start, "state": {**start["state"], "contact": [0.0] * 6}})
     start_again(again, start)
-    for name in CARRIED:
-        assert np.array_equal(device.state[name], again.state[name]), name
+    before, after = carried(device.data), carried(again.data)
+    for name in before:
+        assert np.array_equal(before[name], after[name]), name

@@ -121,7 +121,7 @@ def test_a_hand_that_works_to_and_fro_inside_the_play_moves_a_device_that_is_loc
     moved = []
     for play in (True, False):
         device = pushed_device(FOUR, (0.0, 0.4), play)
-        device.state["torque_yield"][0] = 5.3
+        device.braking["torque_yield"][0] = 5.3
         for k, force in enumerate(rocking):
             device.hand.grips["held"][0] = force
             device.move(device.brakes["current_max"][0], 1e-3 * k, 1e-3)
@@ -200,7 +200,7 @@ def test_near_an_obstacle_the_field_leads_round_it_and_at_its_edge_away_from_it(
     around = make_around(Around(obstacles=(ObstacleFile(disc_m=(0.0, 0.45, 0.02)),)), FOUR)
     controller = make_controller(Preset("", "sdof", (0.0,)), FOUR.force_normalised_N, around=around)
     device = pushed_device(FOUR, (0.0, 0.4))
-    g, mass, path = device.state["g"][0], device.state["mass"][0], line((-0.1, 0.4), (0.1, 0.4))
+    g, mass, path = device.body["g"][0], device.body["mass"][0], line((-0.1, 0.4), (0.1, 0.4))
 
     def beta(y: float, force: float) -> tuple[float, float]:
         seen = Seen(0.0, y, 0.0, 0.0, force, 0.0)

@@ -53,7 +53,7 @@ def test_start_at_the_yield_limit_moves_no_further_than_the_excess_pushes(bench,
         force = share * 2.0 * g[i]
         simulation = Simulation(bench.device, START, hand=new_hand(forces=force[None]))
         rows = simulation.run(0.05, 1e-3, yields(bench, 0.0, **{joint: 2.0}))
-        xx, xy, yy = simulation.state["mass"][0]
+        xx, xy, yy = simulation.body["mass"][0]
         lightest = np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0]
         pushed = 0.5 * max(share - 1, 1e-15) * np.linalg.norm(force) / lightest * 0.05**2
         angle = [bench.angles(p)[i] for p in rows[:, 1:3]]
@@ -102,7 +102,7 @@ def test_reversal_inside_the_backlash_at_a_millionth_of_a_radian_per_second():
         assert moving.max() > 0.0 > moving.min()
         assert np.max(np.abs(rows[:, 5:9])) <= 0.35 * (1 + 1e-12)
         half = np.radians(0.75) / 2
-        assert np.all(np.abs(simulation.state["play"][0][currents > 0] - half) < 1e-4)
+        assert np.all(np.abs(simulation.braking["play"][0][currents > 0] - half) < 1e-4)
         check(simulation, rows)
 
 

@@ -15,7 +15,7 @@ START = (0.05, 0.40)
 def scene(bar, step, integrator="karnopp", wave=S1, commands=None, fidelity="ideal", delta_omega=DELTA_OMEGA):
     """A simulation after a second under a waving hand, and its rows."""
     simulation = Simulation(bar.device, START, fidelity=fidelity, integrator=integrator, hand=wave_hand(wave))
-    simulation.state["delta_omega"][0] = delta_omega
+    simulation.body["delta_omega"][0] = delta_omega
     return simulation, simulation.run(1.0, step, yields(bar, 0.3) if commands is None else commands)
 
 
@@ -61,7 +61,7 @@ def test_stuck_joint_creeps_no_faster_than_its_band_and_in_proportion_to_it(benc
         along = np.linalg.solve(g[:2], 0.5 * np.array([band, band]))  # A and E turn at half the band, B somewhat
         along *= 0.5 * band / np.abs(g @ along).max()
         simulation = Simulation(bench.device, START, tuple(along), integrator="karnopp")
-        simulation.state["delta_omega"][0] = band
+        simulation.body["delta_omega"][0] = band
         rows = simulation.run(1.0, 1e-3, yields(bench, 5.6))
         rates = np.array([bench.rows(p) @ v for p, v in zip(rows[::100, 1:3], rows[::100, 3:5], strict=True)])
         assert np.all(np.abs(rates) < band)

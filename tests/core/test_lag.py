@@ -9,7 +9,7 @@ from devices import BENCH_FOUR, S4, switching
 from core.device import Device, load_device, without_backlash
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import CARRIED
+from core.simulator.state import carried
 
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4)
 ROUNDING_M = 3e-14
@@ -37,7 +37,7 @@ def tips(device: Device, scene: dict, step: float, tolerance: float = 1.0) -> tu
     """Tips (21, 2) over 80 ms."""
     hand = new_hand(forces=scene["force"][None])
     simulation = Simulation(without_backlash(device), scene["tip"], scene["velocity"], "mr", "event", hand)
-    simulation.state["tolerance"][0] = tolerance
+    simulation.body["tolerance"][0] = tolerance
     rows = simulation.rows(21, Schedule(np.arange(4) * 0.02, scene["currents"]), Grid(0, 20, round(4e-3 / step), step))
     return rows[:, 1:3], simulation
 
@@ -73,7 +73,7 @@ def test_a_step_that_is_too_long_for_the_lag_is_cut(name):
         for step in (4e-3, 1e-3):
             found, cut = tips(device, scene, step)
             assert np.abs(found - reference).max() <= 2e-8
-            assert cut.state["fallbacks"][0] == 0
+            assert cut.data.ledger["fallbacks"][0] == 0
         uncut, _ = tips(device, scene, 4e-3, UNCUT)
         assert np.array_equal(uncut, reference) or np.abs(uncut - reference).max() > np.abs(found - reference).max()
 
@@ -97,9 +97,10 @@ def test_yields_that_have_arrived_are_those_of_brakes_without_lag():
     lagging.rows(2, Schedule(np.zeros(1), currents), Grid(0, 10, 10, 1e-3))
     assert lagging.step_scratch["lag"]["lagging"][0] == 1
     lagging.rows(2, Schedule(np.zeros(1), currents), Grid(10, 300, 290, 1e-3))
-    assert lagging.step_scratch["lag"]["lagging"][0] == 0 and np.any(lagging.state["rate"][0] != 0.0)
-    for name in CARRIED:
-        without.state[name] = lagging.state[name]
+    assert lagging.step_scratch["lag"]["lagging"][0] == 0 and np.any(lagging.body["rate"][0] != 0.0)
+    fields = carried(without.data)
+    for name, values in carried(lagging.data).items():
+        fields[name][...] = values
     found = [
         one.rows(51, Schedule(np.zeros(1), currents), Grid(300, 350, 1, 1e-3))[:, 1:] for one in (lagging, without)
     ]

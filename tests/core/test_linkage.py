@@ -8,7 +8,7 @@ from devices import BENCH_FOUR, OUT, FiveBar, slope
 
 from core.dynamics import motion
 from core.linkage import joint_angles, joint_rows, tip_force_map
-from core.simulator.state import new_state, pack_mechanism
+from core.simulator.state import new_body, pack_mechanism
 from core.simulator.stick_slip import same_line
 from core.simulator.stick_slip_mode import update_kinematics
 from core.workspace import brake_rows
@@ -69,11 +69,11 @@ def test_rates_and_their_bias_are_the_derivatives_of_the_angles_along_a_path(any
         assert rates == pytest.approx(slope(any_five_bar.angles, p, v), rel=1e-8, abs=1e-8)
         change = slope(lambda q, v=v: any_five_bar.joint_rows(q) @ v, p, v)
         assert biases == pytest.approx(change, rel=1e-7, abs=1e-7)
-        state = new_state(*p, *v)[0]
-        update_kinematics(mechanism, state)
-        assert state.g[:4] == pytest.approx(any_five_bar.rows(p), rel=1e-9, abs=1e-9)
-        assert state.rate[:4] == pytest.approx(any_five_bar.brake_rates(rates), rel=1e-9, abs=1e-9)
-        assert state.bias[:4] == pytest.approx(any_five_bar.brake_rates(change), rel=1e-7, abs=1e-7)
+        body = new_body(*p, *v)[0]
+        update_kinematics(mechanism, body)
+        assert body.g[:4] == pytest.approx(any_five_bar.rows(p), rel=1e-9, abs=1e-9)
+        assert body.rate[:4] == pytest.approx(any_five_bar.brake_rates(rates), rel=1e-9, abs=1e-9)
+        assert body.bias[:4] == pytest.approx(any_five_bar.brake_rates(change), rel=1e-7, abs=1e-7)
 
 
 def test_brakes_push_along_the_rows_of_their_joints_or_couplings(any_five_bar):

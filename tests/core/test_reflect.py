@@ -107,10 +107,10 @@ def one_tick(device, controller, velocity, push, wanted):
     simulation = Simulation(device, (0.02, 0.42), velocity)
     memory, current = new_memory(), np.zeros(4)
     memory[WANTED : WANTED + 2] = wanted
-    brakes, state = pack_brakes(device.brakes, backlash=False)[0], simulation.state[0]
-    tick = Tick(Seen(0.02, 0.42, *velocity, *push), state.g, state.mass, brakes, memory, current)
+    brakes, body = pack_brakes(device.brakes, backlash=False)[0], simulation.body[0]
+    tick = Tick(Seen(0.02, 0.42, *velocity, *push), body.g, body.mass, brakes, memory, current)
     code, _ = decide(controller, line((-0.1, 0.4), (0.1, 0.4)), tick)
-    return DECISIONS[code], current, memory, state.g[:4].copy()
+    return DECISIONS[code], current, memory, body.g[:4].copy()
 
 
 @pytest.mark.parametrize("device", [THREE, FOUR], ids=lambda device: device.name)

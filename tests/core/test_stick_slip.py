@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
 from core.mechanism import PLACES
+from core.records import new_record
 from core.simulator.hand import new_hand
 from core.simulator.load_sharing import share_at_rest
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import new_state
+from core.simulator.state import BRAKING, new_body
 from core.simulator.stick_slip import STILL, Joints, solve_at_rest
 
 DIRECTIONS = [np.array([math.cos(a), math.sin(a)]) for a in np.radians(np.arange(0, 360, 10))]
@@ -180,14 +181,14 @@ def test_split_inside_the_backlash_is_measured_from_the_middle_of_each_range():
     p = np.array([0.05, 0.40])
     g = bar.rows(p)
     for _ in range(20):
-        state = new_state(*p)[0]
+        body, braking = new_body(*p)[0], new_record(BRAKING)[0]
         plus, minus = rng.uniform(0.3, 5.0, (2, 4))
-        state.g[:4], state.active[:4] = g, 1
-        state.cost_plus[:4], state.cost_minus[:4] = plus, minus
+        body.g[:4], braking.active[:4] = g, 1
+        braking.cost_plus[:4], braking.cost_minus[:4] = plus, minus
         inside = -plus + rng.uniform(0.02, 0.98, 4) * (plus + minus)
         f = -inside @ g
-        share_at_rest(state, f[0], f[1])
-        torque = state.torque[:4].copy()
+        share_at_rest(body, braking, f[0], f[1])
+        torque = braking.torque[:4].copy()
         assert torque @ g == pytest.approx(-f, abs=1e-8)
         assert np.all(torque >= -plus - 1e-8) and np.all(torque <= minus + 1e-8)
         middle, half = 0.5 * (minus - plus), 0.5 * (plus + minus)
@@ -206,8 +207,8 @@ def test_a_still_joint_of_a_tip_that_starts_in_motion_is_not_driven_by_its_brake
             hand = new_hand(np.zeros(1), rng.normal(0.0, 20.0, (1, 2)))
             simulation = Simulation(bar.device, tuple(p), tuple(velocity), hand=hand)
             simulation.rows(1, Schedule(np.zeros(1), rng.uniform(0.1, 3.0, (1, 4))), Grid(0, 0, 1, 1e-3))
-            state = simulation.state[0]
-            if abs(state.rate[j]) < 1e-9:
+            body, braking = simulation.body[0], simulation.braking[0]
+            if abs(body.rate[j]) < 1e-9:
                 asked += 1
-                assert state.torque[j] * (state.g[j] @ state.acceleration + state.bias[j]) <= 1e-9
+                assert braking.torque[j] * (body.g[j] @ body.acceleration + body.bias[j]) <= 1e-9
     assert asked >= 75

@@ -16,7 +16,7 @@ from core.control.stopping import (
     slope_and_work,
 )
 from core.device import Device, load_device
-from core.simulator.state import new_state, pack_mechanism
+from core.simulator.state import new_body, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
 from core.workspace import brake_rows, free_tips, tip_is_free
 from tests.support.reaches import PUSHES_N, pushed_device
@@ -26,7 +26,7 @@ NAMES = list(PUSHES_N)
 
 def energy_of(simulated) -> float:
     """Kinetic energy (J) of a simulated device."""
-    (xx, xy, yy), (vx, vy) = simulated.state["mass"][0], simulated.state["tip"][0, 2:]
+    (xx, xy, yy), (vx, vy) = simulated.body["mass"][0], simulated.body["tip"][0, 2:]
     return float(0.5 * (xx * vx * vx + 2.0 * xy * vx * vy + yy * vy * vy))
 
 
@@ -48,9 +48,9 @@ def pushed_about(rng: np.random.Generator, simulated, push: float, ticks: int):
             angle, size = rng.uniform(0.0, 2.0 * math.pi), push * rng.choice([0.3, 1.0, 1.0])
             force = size * np.array([math.cos(angle), math.sin(angle)])
         simulated.hand.grips["held"][0] = force
-        before = simulated.state["rate"][0, :4].copy()
+        before = simulated.body["rate"][0, :4].copy()
         simulated.move(simulated.brakes["current_max"][0], 1e-3 * n, 1e-3)
-        after = simulated.state["rate"][0, :4]
+        after = simulated.body["rate"][0, :4]
         yield simulated.tip, energy_of(simulated), 0.5e-3 * (np.abs(before) + np.abs(after)), before * after < 0.0
 
 
@@ -69,7 +69,7 @@ def test_a_brake_takes_no_less_than_the_bound_reckons_with_whatever_the_hand_doe
         set_lags(stopping, 1.02 * highest + 1e-9)
         for i in np.flatnonzero(device.brakes.present):
             _, work = slope_and_work(stopping, i, 0.98 * turned[i])
-            assert simulated.state["heat"][0, i] >= work - 1e-9
+            assert simulated.data.ledger["heat"][0, i] >= work - 1e-9
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -81,7 +81,7 @@ def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name
         start, heading = random_place(rng, device), rng.uniform(0.0, 2.0 * math.pi)
         simulated = pushed_device(device, start)
         speed = rng.uniform(0.0, 0.3)
-        simulated.state["tip"][0, 2:] = speed * math.cos(heading), speed * math.sin(heading)
+        simulated.body["tip"][0, 2:] = speed * math.cos(heading), speed * math.sin(heading)
         simulated.settle(np.zeros(4), 0.0)
         assume_brakes(stopping, stopping.drag, 0.0)
         radius = safe_radius(stopping, *start, energy_of(simulated) + 1e-6)
@@ -132,9 +132,9 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
         if found["held"] > 0.0:
             assert found["for progress"] <= (left / along).min() + 1e-9, where
         for place in near[:60]:
-            state = new_state(*place)
-            update_kinematics(mechanism, state[0])
-            (xx, xy, yy), g = state["mass"][0], state["g"][0, :4]
+            body = new_body(*place)
+            update_kinematics(mechanism, body[0])
+            (xx, xy, yy), g = body["mass"][0], body["g"][0, :4]
             swift = np.einsum("ia,ab,ib->i", g, np.linalg.inv([[xx, xy], [xy, yy]]), g)
             assert (swift[present] <= stopping.levers.swift[present]).all(), where
 

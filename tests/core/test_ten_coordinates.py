@@ -76,24 +76,24 @@ def moment_of(bar, p, v, stuck):
 def reduced(bar: FiveBar, p, v, hand_force, torque, stuck, hold):
     """Acceleration (2,) and torques (4,) by the reduced form: the kernels of the simulator, the pattern given."""
     simulation = Simulation(bar.device, tuple(p), tuple(v))
-    state = simulation.state[0]
-    state.torque_yield[:] = hold
-    update_kinematics(simulation.mechanism[0], state)
-    set_costs(simulation.brakes[0], state)
+    body, braking = simulation.body[0], simulation.braking[0]
+    braking.torque_yield[:] = hold
+    update_kinematics(simulation.mechanism[0], body)
+    set_costs(simulation.brakes[0], body, braking)
     for i in range(4):
         slips = i not in stuck
-        state.active[i] = int(i not in carried_along(bar, stuck))
-        state.sign[i] = -1.0 if slips else 0.0
-        state.cost_plus[i] = state.cost_minus[i] = torque[i] if slips else hold[i]
-    state.sign[4] = 0.0
-    state.held = FREE if not stuck else STILL if at_rest(bar, stuck) else stuck[0]
-    if state.held == STILL:  # the slipping joints of a resting tip: their torque is one more load on it
+        braking.active[i] = int(i not in carried_along(bar, stuck))
+        body.sign[i] = -1.0 if slips else 0.0
+        braking.cost_plus[i] = braking.cost_minus[i] = torque[i] if slips else hold[i]
+    body.sign[4] = 0.0
+    body.held = FREE if not stuck else STILL if at_rest(bar, stuck) else stuck[0]
+    if body.held == STILL:  # the slipping joints of a resting tip: their torque is one more load on it
         for i in range(4):
-            state.active[i] = int(i in stuck)
+            braking.active[i] = int(i in stuck)
         hand_force = hand_force + sum(torque[i] * bar.rows(p)[i] for i in range(4) if i not in stuck)
-    finish(simulation.mechanism[0], state, hand_force[0], hand_force[1], 0.0)
+    finish(simulation.mechanism[0], body, braking, hand_force[0], hand_force[1], 0.0)
     given = np.array([0.0 if i in stuck else torque[i] for i in range(4)])
-    return state.acceleration.copy(), np.where(np.isin(np.arange(4), stuck), state.torque[:4], given)
+    return body.acceleration.copy(), np.where(np.isin(np.arange(4), stuck), braking.torque[:4], given)
 
 
 def test_the_centres_of_the_distal_links_lie_on_them(any_five_bar):

@@ -34,8 +34,8 @@ IN_FILES = tuple(kind for kind, preset in SHIPPED.items() if preset.own)
 def one_tick(device, kind, velocity, push, at=(0.02, 0.42)):
     """Words of the decision, the tick and the controller of one tick of a resting device that is given a velocity."""
     simulation = Simulation(device, at, velocity)
-    state, brakes = simulation.state[0], pack_brakes(device.brakes, backlash=False)[0]
-    tick = Tick(Seen(*at, *velocity, *push), state.g[:4].copy(), state.mass.copy(), brakes, new_memory(), np.zeros(4))
+    body, brakes = simulation.body[0], pack_brakes(device.brakes, backlash=False)[0]
+    tick = Tick(Seen(*at, *velocity, *push), body.g[:4].copy(), body.mass.copy(), brakes, new_memory(), np.zeros(4))
     controller = make_controller(SHIPPED[kind], device.force_normalised_N)
     return SHIPPED[kind].decisions[decide(controller, PATH, tick)[0]], tick, controller
 

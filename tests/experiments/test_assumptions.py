@@ -133,12 +133,12 @@ def seen_along(device, **assumed):
     """What is seen at each tick of a way: tip, velocity (n, 4) and force (n, 2)."""
     simulation = SimulatedDevice(device, TIPS[0], spring_hand((100.0, 0.0, 100.0), (5.0, 0.0, 5.0)))
     sensing = new_sensing(device, Assumptions(sensing="encoders", **assumed))
-    mechanism, states = simulation.mechanism, simulation.state
+    mechanism, bodies = simulation.mechanism, simulation.body
     motion, force = [], []
     for n, tip in enumerate(TIPS):
-        states[0].tip[:2], states[0].hand_force[:] = tip, (n, -n)
-        update_kinematics(mechanism[0], states[0])
-        see(mechanism[0], states[0], sensing.sensors[0], sensing.seen[0])
+        bodies[0].tip[:2], bodies[0].hand_force[:] = tip, (n, -n)
+        update_kinematics(mechanism[0], bodies[0])
+        see(mechanism[0], bodies[0], sensing.sensors[0], sensing.seen[0])
         motion.append(sensing.seen[0].tip.copy())
         force.append(sensing.seen[0].hand_force.copy())
     return np.array(motion), np.array(force)
@@ -191,7 +191,7 @@ def test_what_rests_has_no_velocity():
     device = load_device("three-brake")
     simulation = SimulatedDevice(device, (0.0123, 0.4))
     sensing = new_sensing(device, Assumptions(sensing="encoders"))
-    mechanism, states = simulation.mechanism, simulation.state
+    mechanism, bodies = simulation.mechanism, simulation.body
     for _ in range(40):
-        see(mechanism[0], states[0], sensing.sensors[0], sensing.seen[0])
+        see(mechanism[0], bodies[0], sensing.sensors[0], sensing.seen[0])
         assert tuple(sensing.seen[0].tip[2:]) == (0.0, 0.0)

@@ -22,12 +22,13 @@ from core.simulator.stepping import advance_stepping
 hand = wave_hand(np.array([[15.0, 6.0, 0.0], [-10.0, 4.0, 1.5]]))
 device = SimulatedDevice(load_device("four-brake"), (0.0, 0.4), hand)
 m, d, tips = device.model, device.data, []
-model, data = Model(m.mechanism[0], m.brakes[0], m.fidelity, m.integrator), Data(hand, d.state[0], d.scratch[0])
+model, data = Model(m.mechanism[0], m.brakes[0], m.fidelity, m.integrator), Data(hand, *(one[0] for one in d[1:]))
 for k in range(3000):
     currents = np.where(np.arange(4) == k // 50 % 5, 0.8, 0.0)
     advance_stepping(model, data, currents, 1e-3 * k, 1e-3)
-    tips.append(device.state["tip"][0, :2].tolist())
-print(np.ptp(tips, axis=0).min(), hashlib.sha256(device.state).hexdigest(), hashlib.sha256(np.array(tips)).hexdigest())
+    tips.append(device.body["tip"][0, :2].tolist())
+left = b"".join(one.tobytes() for one in d[1:4])
+print(np.ptp(tips, axis=0).min(), hashlib.sha256(left).hexdigest(), hashlib.sha256(np.array(tips)).hexdigest())
 print(type(advance_stepping.entry).__module__.split(".")[0])
 """
 TICKS = 3000

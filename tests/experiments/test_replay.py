@@ -92,7 +92,7 @@ def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
     try:
         trial, writer = session.begin(session.next_planned())
         run_to_move(trial, writer)
-        play = np.array(trial.simulation.state["play"][0])
+        play = np.array(trial.simulation.braking["play"][0])
         run(trial, writer)
         session.finish(trial, writer)
         recorded = read_recorded(recordings(data, "77")[0])

@@ -75,7 +75,7 @@ def push_through_a_trial(session):
     grip = session.simulation(planned.configuration).hand.grips
     grip["spring"][0], grip["stiffness"][0], grip["damping"][0] = 1, 0.0, 0.0
     trial, writer = session.begin(planned)
-    tip, rows = trial.simulation.state["tip"][0], np.empty((1, tick_log.WIDTH))
+    tip, rows = trial.simulation.body["tip"][0], np.empty((1, tick_log.WIDTH))
     while not trial.finished:
         x, y = (trial.path.x0, trial.path.y0) if trial.phase in ("approach", "hold") else (trial.path.x1, trial.path.y1)
         grip["held"][0] = np.clip(3000.0 * (np.array((x, y)) - tip[:2]) - 80.0 * tip[2:], -15.0, 15.0)
@@ -222,7 +222,7 @@ def test_a_ledger_that_contradicts_the_motion_is_said_by_recording_verify_and_re
     session = new_session(tmp_path, protocol=short(paths=1))
     trial, writer = session.begin(session.next_planned())
     run(trial, writer)
-    trial.simulation.state["work_hand"][0] += 1.0
+    trial.simulation.data.ledger["work_hand"][0] += 1.0
     session.finish(trial, writer)
     session.close()
     [path] = recordings(tmp_path)

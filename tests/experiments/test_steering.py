@@ -25,10 +25,10 @@ def simulated(device, velocity, force, torques):
     """Acceleration of the tip with brakes that hold these torques (4,), N m, by the simulator."""
     hand = new_hand(np.zeros(1), np.array([force]))
     simulation = Simulation(device, AT, tuple(velocity), hand=hand)
-    rate = simulation.state["rate"][0]
-    simulation.state["sign"][0] = np.where(np.abs(rate) > 1e-9, np.sign(rate), 0.0)  # turning joints slip already
+    rate = simulation.body["rate"][0]
+    simulation.body["sign"][0] = np.where(np.abs(rate) > 1e-9, np.sign(rate), 0.0)  # turning joints slip already
     simulation.run(0.0, 1e-3, torques)
-    return simulation.state["acceleration"][0].copy()
+    return simulation.body["acceleration"][0].copy()
 
 
 @pytest.mark.parametrize("name", ["er-two-brake", "three-brake", "four-brake", "pter"])

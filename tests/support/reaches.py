@@ -43,22 +43,22 @@ class Reach(NamedTuple):
 def run_pushes(model, data, reach, found):
     """All ticks of a `Reach`; found (FOUND,)."""
     memory, forces, current, sensing = reach.memory, reach.forces, reach.current, reach.sensing
-    around, state, grip = reach.controller.around[0], data.state[0], data.hand.grips[0]
+    around, body, grip = reach.controller.around[0], data.body[0], data.hand.grips[0]
     for i in range(FOUND):
         found[i] = 0.0
     found[LEAST] = found[FIRST_UNSURE] = found[ENTERED] = found[FIRST_LOCK] = math.inf
     for n in range(forces.shape[0]):
         t = 1e-3 * n
-        near = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1])
+        near = nearest_obstacle(around.edges, around.count, body.tip[0], body.tip[1])
         was_locked = memory[LOCKED]
         grip.held[0], grip.held[1] = forces[n, 0], forces[n, 1]
         if reach.feigns != 0 and was_locked != 0.0:
             grip.held[0], grip.held[1] = 3.0 * near.n_x, 3.0 * near.n_y
         settle(model, data, current, t)
-        seen = state
+        seen = body
         if sensing.sensors[0].on != 0:
             seen = sensing.seen[0]
-            see(model.mechanism[0], state, sensing.sensors[0], seen)
+            see(model.mechanism[0], body, sensing.sensors[0], seen)
         tick = Tick(seen_in(seen.tip, seen.hand_force), seen.g, seen.mass, model.brakes[0], memory, current)
         release(current)
         if around.guard != 0:  # what `decide` does first
@@ -70,9 +70,9 @@ def run_pushes(model, data, reach, found):
             found[UNSURE] += 1.0
             found[FIRST_UNSURE] = min(found[FIRST_UNSURE], float(n))
         move(model, data, current, t, 1e-3)
-        found[LAST] = nearest_obstacle(around.edges, around.count, state.tip[0], state.tip[1]).distance
+        found[LAST] = nearest_obstacle(around.edges, around.count, body.tip[0], body.tip[1]).distance
         found[LEAST] = min(found[LEAST], found[LAST])
-        found[FASTEST] = max(found[FASTEST], math.sqrt(state.tip[2] * state.tip[2] + state.tip[3] * state.tip[3]))
+        found[FASTEST] = max(found[FASTEST], math.sqrt(body.tip[2] * body.tip[2] + body.tip[3] * body.tip[3]))
         if found[LAST] < 0.0:
             found[ENTERED] = min(found[ENTERED], float(n))
 

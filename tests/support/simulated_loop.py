@@ -60,7 +60,7 @@ class SimulatedLoop:
                 break
             end_early(ring.controls, running.run, int(ring.control.server_beat), len(ring.rows))  # never silent
             if not running.run["simulated_hand"][0]:
-                take_aim(ring.control, grip, running.data.state[0].tip, running.run["phase"][0], self._force_max)
+                take_aim(ring.control, grip, running.data.body[0].tip, running.run["phase"][0], self._force_max)
                 running.run["held"][0] = ring.control.taken
             run_ticks(running, row)
             put(ring.controls, ring.rows, row[0])
