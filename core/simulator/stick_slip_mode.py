@@ -162,8 +162,9 @@ def see_rates(mechanism, body, braking, fx, fy, arm_mass):
 def decide(model, body, braking, j, force, arm_mass):
     """Decide which brakes stick under the hand force (N); fills held, sign, acceleration and torque.
 
-    A tip at rest stays, or leaves as the forces let it. In motion joint j, which has no rate, sticks or slips on; FREE:
-    no joint is in question. Expects the costs set (`set_costs`).
+    A tip at rest, be it only since a joint stuck, stays or leaves as the forces let it: all brakes rest, none slips. In
+    motion joint j, which has no rate, sticks or slips on; FREE: no joint is in question. Expects the costs set
+    (`set_costs`).
     """
     mechanism, brakes, (fx, fy) = model.mechanism, model.brakes, force
     if body.tip[2] == 0.0 and body.tip[3] == 0.0:

@@ -212,3 +212,29 @@ def test_a_still_joint_of_a_tip_that_starts_in_motion_is_not_driven_by_its_brake
                 asked += 1
                 assert braking.torque[j] * (body.g[j] @ body.acceleration + body.bias[j]) <= 1e-9
     assert asked >= 75
+
+
+@pytest.mark.parametrize("bar", [BENCH_FOUR, FOUR, THREE], ids=lambda bar: bar.name)
+def test_a_tip_that_comes_to_rest_as_a_joint_sticks_goes_on_as_any_resting_tip(bar):
+    """Its motion is below rounding and along the row of a joint, so that nothing of it is left once the joint sticks.
+
+    Every brake rests then: none may still push as if it slipped.
+    """
+    rng, asked = np.random.default_rng(2), set()
+    for p in bar.open_tips(rng, 25):
+        hand, yields = new_hand(np.zeros(1), rng.normal(0.0, 6.0, (1, 2))), rng.uniform(0.3, 3.0, (1, 4))
+
+        def resolved(velocity):
+            simulation = Simulation(bar.device, tuple(p), tuple(velocity), hand=hand)  # noqa: B023
+            simulation.rows(1, Schedule(np.zeros(1), yields), Grid(0, 0, 1, 1e-3))  # noqa: B023
+            return simulation.body[0], simulation.braking[0]
+
+        rest, holding = resolved((0.0, 0.0))
+        for j in range(4):
+            body, braking = resolved(2.0**-45 * rest.g[j])
+            if not np.any(body.tip[2:]):
+                asked.add(int(rest.held))
+                assert body.held == rest.held
+                assert body.acceleration == pytest.approx(rest.acceleration, abs=1e-9)
+                assert braking.torque == pytest.approx(holding.torque, abs=1e-9)
+    assert len(asked) >= 3
