@@ -58,7 +58,7 @@ def main() -> int:
         return 0
     tellers[:] = [say]
     place = cache_place()
-    if place.folder is None or (place.wrong and not place.handed_down):
+    if place.folder is None:
         return 0
     rest = (compile_scene,) if NO_WINDOW in sys.argv else (compile_scene, compile_loop)
     if SECOND in sys.argv:

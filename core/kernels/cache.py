@@ -7,17 +7,14 @@ that these import from this project (some 20 MB a version; `old_versions` remove
 Its files are machine code that runs with the user's rights. So the folder must be the user's own (mode 0700; on Windows
 the user's folder is private by its place), and nobody else may be able to write a file of it: both are looked at
 through the open handle. A file is unpickled only if its checksum is right; one that was cut short, altered or planted
-is compiled again. Where no such folder can be had, a private temporary one serves this process and those that it
-starts. One sentence on stderr says so.
+is compiled again. Where no such folder can be had, nothing is kept, and one sentence on stderr says so.
 """
 
-import atexit
 import contextlib
 import functools
 import hashlib
 import os
 import re
-import shutil
 import stat
 import tempfile
 from collections import Counter
@@ -45,8 +42,6 @@ watchers: list[Callable[[int, int, str], None]] = []
 tellers: list[Callable[[str], None]] = []
 problems: Counter[str] = Counter()  # of each kind, "folder", "file" and "room", how many
 
-#: An environment variable: the private temporary folder that a process hands down to those that it starts.
-HANDED_DOWN = "PHD_KERNELS"
 _MAGIC = b"PHD kernel 1\n"
 _USERS = hasattr(os, "geteuid")  # files belong to users and have modes
 _OPEN = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -130,8 +125,7 @@ class Place(NamedTuple):
     """The folder of compiled kernels that this process uses."""
 
     folder: Path | None  # None: there is none
-    wrong: str = ""  # why it is not in the user's cache, but a temporary one that goes with this command
-    handed_down: bool = False  # .. which the process that started this one has made
+    wrong: str = ""  # why there is none
     removed: int = 0  # unused folders of other versions that were removed when it was made
 
 
@@ -154,41 +148,13 @@ def _folder_in_user_cache() -> Place:
         return Place(None, f"{error.filename or folder}: {error.strerror}")
 
 
-def _handed_down() -> Path | None:
-    """The private temporary folder of the process that started this one."""
-    folder = Path(os.environ.get(HANDED_DOWN, ""))
-    try:
-        return folder if folder.is_absolute() and folder.exists() and not make_private(folder) else None
-    except OSError:
-        return None
-
-
-def _private_folder() -> Path | None:
-    """A new temporary folder, removed when this process ends."""
-    try:
-        folder = Path(tempfile.mkdtemp(prefix="phd-kernels-"))  # of mode 0700, under a name that nobody can know before
-    except OSError:
-        return None
-    os.environ[HANDED_DOWN] = str(folder)
-    atexit.register(_remove, folder, os.getpid())
-    return folder
-
-
-def _remove(folder: Path, maker: int) -> None:
-    if os.getpid() == maker:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
 @functools.cache
 def cache_place() -> Place:
-    """The folder of this process, found once; reports why it is not in the user's cache."""
+    """The folder of this process, found once; reports why there is none."""
     place = _folder_in_user_cache()
-    if place.folder is not None:
-        return place
-    if (handed := _handed_down()) is not None:
-        return Place(handed, place.wrong, True)  # the process that made it has reported why
-    report("folder", f"compiled kernels are not kept, this command compiles them for itself: {place.wrong}")
-    return Place(_private_folder(), place.wrong)
+    if place.folder is None:
+        report("folder", f"compiled kernels are not kept, each process compiles its own: {place.wrong}")
+    return place
 
 
 def cache_folder() -> Path | None:
