@@ -58,9 +58,17 @@ def test_a_table_of_the_papers_brake_is_nearly_its_equation_2():
     currents = np.linspace(0.0, 1.0, 300).tolist()
     apart = [torque_gain(record, 0, current) - exact.torque_gain(current) for current in currents]
     assert np.abs(apart).max() < 0.03, "at the knee, which the table rounds"
-    assert exact.changed(1.0, 2.0, None).torque_gain(0.5) == pytest.approx(exact.torque_gain(0.5) + 0.35)
-    other, _ = brake_of(f"torque_table = {table}")
-    assert other.changed(1.0, 2.0, None).torque_gain(0.5) == pytest.approx(other.torque_gain(0.5) + 0.35)
+
+
+@pytest.mark.parametrize(
+    "gain", ["k = [3.25, 0.35, -1.5625, 7.25, -0.3875]", "torque_table = [[0.0, 0.35], [1.0, 5.0]]"]
+)
+def test_drag_and_the_torque_that_current_adds_change_by_factors_of_their_own(gain):
+    brake, _ = brake_of(gain)
+    for current in (0.0, 0.1, 0.5, 1.0):
+        added = brake.torque_gain(current) - 0.35
+        changed = brake.changed(1.0, 2.0, 0.5, None).torque_gain(current)
+        assert changed == pytest.approx(2.0 * 0.35 + 0.5 * added), current
 
 
 def test_stronger_brakes_have_so_many_times_the_torque():
