@@ -29,10 +29,10 @@ from experiments.analysis.statistics import statistics as _statistics
 from experiments.analysis.trials_table import DICTIONARY, as_table, complete, own_columns, read_table
 from experiments.export.files import RECORDING, own_columns_described
 from experiments.protocol import load_protocol
-from experiments.recording.reader import read_recording
-from experiments.session.files import TABLE
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import simulate
+from experiments.store.files import TABLE, pooled_rows, sessions_in
+from experiments.store.reader import read_recording
 from experiments.study.replay import Replacement
 from experiments.study.replay import replay as _replay
 from experiments.study.unrecorded import study_trials, with_low_gain_found
@@ -88,7 +88,8 @@ def run_study(
 def load_trials(folder: str | Path) -> pd.DataFrame:
     """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value."""
     path = Path(folder)
-    trials = read_table(path / TABLE if path.is_dir() else path)
+    sessions = sessions_in(path).folders if path.is_dir() and not (path / TABLE).exists() else []
+    trials = as_table(pooled_rows(path)) if sessions else read_table(path / TABLE if path.is_dir() else path)
     sessions = sorted(path.glob("sub-*/ses-*")) if own_columns(trials) else []
     return _with_units(trials, {name: entry.unit for name, entry in own_columns_described(sessions).items()})
 
@@ -96,11 +97,11 @@ def load_trials(folder: str | Path) -> pd.DataFrame:
 def load_recording(file: str | Path) -> pd.DataFrame:
     """The ticks of a recording, a row a millisecond; texts (phase, decision, stuck) as categories.
 
-    attrs: metadata, outcome. InputError if it is damaged or was cut off; `phd recover` rescues what is whole.
+    attrs: metadata, outcome. InputError if it is damaged or was cut off.
     """
     recording = read_recording(file)
     if not recording.whole:
-        raise InputError(f"{file}: {'; '.join(recording.damaged) or 'was cut off'}: phd recover rescues what is whole")
+        raise InputError(f"{file}: {recording.faults}")
     frame = pd.DataFrame(
         {
             name: pd.Categorical.from_codes(values.astype(int), list(recording.words[name]))

@@ -13,10 +13,10 @@ from core.device import Device, build_device, load_device, shipped_devices
 from core.drawn_path import DRAWING
 from core.files import InputError, toml_text
 from experiments.assumptions import IDEAL
+from experiments.atomic_files import reason_of, replace_file, write_new_file, write_new_files
 from experiments.language import shipped_languages
 from experiments.protocol import Protocol, read_protocol
 from experiments.protocol_file import MouseHand
-from experiments.recording.atomic_files import reason_of, replace_file, write_new_file, write_new_files
 
 ABOUT = "# A protocol of phd. docs/examples/protocols/every-key.toml says what each key is.\n"
 

@@ -53,6 +53,7 @@ def own_folders(tmp_path_factory: pytest.TempPathFactory) -> None:
     the tests of its process.
     """
     os.environ["XDG_CONFIG_HOME"] = str(tmp_path_factory.mktemp("config"))
+    os.environ["XDG_DATA_HOME"] = str(tmp_path_factory.mktemp("user"))
     os.environ["TMPDIR"] = tempfile.tempdir = str(tmp_path_factory.mktemp("temporary"))
 
 

@@ -182,15 +182,6 @@ class SaveAsProtocol(NamedTuple):
     path: str  # of the new file; the protocol is named after it
 
 
-class MoveTo(NamedTuple):
-    """Move the open session to another data folder and close it here; `Snapshot.moved` then names it.
-
-    What can be read, or is in memory, is copied.
-    """
-
-    folder: str
-
-
 class Quit(NamedTuple):
     """End the session server; the running trial is aborted and kept."""
 
@@ -312,8 +303,7 @@ class Snapshot(NamedTuple):
     seconds_left: float | None = None  # of the whole session, estimated; None: none is open
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
     not_written: str = ""  # why not all of the session is on the disk, and what to do; "": all is
-    moved: tuple[str, str] | None = None  # of a session that goes on elsewhere: data folder, participant
-    in_memory: str = ""  # data that are in no file yet: "run 5, 5,481 ticks"; "": none
+    in_memory: str = ""  # data that are not on the disk: "run 5, 5,481 ticks"; "": none
 
     @property
     def stage_refusal(self) -> str:
@@ -366,7 +356,7 @@ class Snapshot(NamedTuple):
 
 
 class Proof(NamedTuple):
-    """The part of the running recording that is in its file."""
+    """The part of the running recording that is on the disk."""
 
     name: str
     rows: int

@@ -14,11 +14,11 @@ from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
 from experiments.plan import PlannedTrial, counted
-from experiments.recording.atomic_files import reason_of
-from experiments.session.consent import ConsentAnswer
-from experiments.session.files import other_protocol, refuse_study
-from experiments.session.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
-from experiments.session.session import Participant, Session
+from experiments.store.consent import ConsentAnswer
+from experiments.store.files import refuse_study
+from experiments.store.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
+from experiments.store.session import Participant, Session
+from experiments.store.stored import other_protocol
 from experiments.trial.population import load_population
 
 
@@ -83,6 +83,7 @@ def _open(state: ServerState, command: m.Open) -> None:
         notice = [f"Participant {name}: {left} of {counted(whole, 'trial')} left."]
     if command.resume:
         notice.append(f"The session goes on by its own protocol, {session.protocol.name}.")
+    notice.append(session.repaired.sentence())
     notice.append(ignored_features(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
         notice.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
@@ -94,7 +95,7 @@ def _wrong_hand(state: ServerState, session: Session) -> str:
     """Why this hand cannot run the session's trials; "": it can. Every other command works."""
     if session.hand == state.device.hand:
         return ""
-    begun = INPUTS.get(session.hand)  # None: session.json was edited
+    begun = INPUTS.get(session.hand)  # None: the database was edited
     begun_with = begun.begun_with if begun else f"{session.hand!r}, an unknown hand"
     now = INPUTS[state.device.hand].begun_with
     return (
@@ -141,18 +142,18 @@ def _abort(state: ServerState, command: m.Abort) -> None:
 
 def _redo(state: ServerState, command: m.Redo) -> None:
     row = state.storage.open.session.redo(command.run, command.reason)
-    state.storage.update_tables(f"{state.storage.open.name_of(row)} is repeated next; its recording is kept.")
+    state.storage.update_next(f"{state.storage.open.name_of(row)} is repeated next; its recording is kept.")
 
 
 def _exclude(state: ServerState, command: m.Exclude) -> None:
     row = state.storage.open.session.exclude(command.run, command.reason)
     name = state.storage.open.name_of(row)
-    state.storage.update_tables(f"{name} is excluded from the results; its recording is kept.")
+    state.storage.update_next(f"{name} is excluded from the results; its recording is kept.")
 
 
 def _skip(state: ServerState, command: m.Skip) -> None:
     row = state.storage.open.session.skip(command.reason)
-    state.storage.update_tables(f"{state.storage.open.name_of(row)} is skipped.")
+    state.storage.update_next(f"{state.storage.open.name_of(row)} is skipped.")
 
 
 def _pause(state: ServerState, command: m.Pause) -> None:
@@ -161,14 +162,6 @@ def _pause(state: ServerState, command: m.Pause) -> None:
         state.storage.write(PAUSED)
     elif not command.on and since_s is not None:
         state.storage.write(RESUMED_AFTER_PAUSE, seconds=round(time.perf_counter() - since_s, 1))
-
-
-def _move(state: ServerState, command: m.MoveTo) -> None:
-    folder = Path(command.folder).absolute()
-    try:
-        state.storage.move_to(folder)
-    except OSError as error:
-        raise InputError(f"{folder}: the session cannot be moved there ({reason_of(error)}).") from None
 
 
 def _note(state: ServerState, command: m.Note) -> None:
@@ -201,7 +194,7 @@ def _prepare_device(state: ServerState, command: m.PrepareDevice) -> None:
 
 def _unblind(state: ServerState, command: m.Unblind) -> None:
     state.storage.open.session.unblind(command.who)
-    state.storage.update_tables("The key is open: controllers are shown from now on.")
+    state.storage.update_next("The key is open: controllers are shown from now on.")
 
 
 class CommandRule(NamedTuple):
@@ -229,7 +222,6 @@ COMMANDS = {
     m.Redo: CommandRule(_redo, IDLE, stored=True, waits="the journal is written"),
     m.Exclude: CommandRule(_exclude, IDLE, stored=True, waits="the journal is written"),
     m.Skip: CommandRule(_skip, IDLE, stored=True, waits="the journal is written"),
-    m.MoveTo: CommandRule(_move, IDLE, waits="the session is moved to the other folder"),
     m.Pause: CommandRule(_pause, waits="the journal is written"),
     m.Note: CommandRule(_note, waits="the journal is written"),
     m.AllowBrakes: CommandRule(_allow, session=False),

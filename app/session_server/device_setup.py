@@ -20,10 +20,10 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.inputs import HID, OPERATOR, SENSOR
 from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
-from experiments.recording.schema import Sensors
-from experiments.recording.writer import RecordingWriter
-from experiments.session.journal import HOMED, RERIGGED, ZEROED
-from experiments.session.session import Session
+from experiments.recording import Sensors
+from experiments.store.journal import HOMED, RERIGGED, ZEROED
+from experiments.store.session import Session
+from experiments.store.writer import RecordingWriter
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial

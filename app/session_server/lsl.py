@@ -21,7 +21,7 @@ import numpy as np
 from app.ipc.ring import MOST_BEHIND_NS, Ring
 from core import tick_log
 from core.files import InputError
-from experiments.session.journal import Event
+from experiments.store.journal import Event
 
 TICKS, MARKERS = "PHD ticks", "PHD markers"
 HZ = 1000.0

@@ -12,10 +12,10 @@ from typing import IO
 from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, Compiling, DeviceStatus, Setup, Timing
 from app.ipc.scheduling import ADVICE, Scheduling
 from core.faults import FAULTS, advice
+from experiments.atomic_files import reason_of
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import counted
 from experiments.protocol import Protocol
-from experiments.recording.atomic_files import reason_of
 from hardware.hid import HidReading
 
 #: bytes. Our choice: a trial takes 7 MB at most, a session of 60 well under the lower one
@@ -25,7 +25,7 @@ WRITES = 3  # writes that are timed; the median counts
 #: for half an hour and more
 SLOW_SYNC_S, TOO_SLOW_SYNC_S = 0.1, 2.0
 #: writes that are waited for from Start to the first tick, and from the last tick to the next start. Counted
-SYNCS_TO_START, SYNCS_TO_END = 3, 8
+SYNCS_TO_START, SYNCS_TO_END = 1, 6
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
 PATIENCE_S, TOO_LONG_S = 1.0, 10.0  # s that a measurement of the disk takes: said so; in red. Assumed
 #: µs. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
@@ -213,20 +213,17 @@ class DiskWatch:
         return self._check or Check("Disk", WAITING, "being measured")
 
 
-def check_recording(broken: str, not_written: str, last: str, streams: int) -> Check:
+def check_recording(broken: str, not_written: str, last: str) -> Check:
     """Whether all recordings are on the disk.
 
     broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
 
-    not_written: what could not be written yet, or ""; streams: recordings that are not yet Parquet files.
+    not_written: what could not be written yet, or "".
     """
     if broken:
         return Check("Recording", BAD, "failed", f"{broken}.")
     if not_written:
         return Check("Recording", BAD, "incomplete", f"{not_written}.")
-    if streams:
-        advice = "Nothing is missing: they are streams, and become Parquet files when the disk has room."
-        return Check("Recording", CAUTION, f"{streams} not converted", advice)
     return Check("Recording", GOOD, f"{last} verified" if last else "ready")
 
 

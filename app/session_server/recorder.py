@@ -4,11 +4,9 @@ Our choice: if the disk fails or the folder goes, the trial runs on to its end w
 lose the movement for certain; memory loses it only if this program ends before the disk is back.
 """
 
-import queue
 import threading
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from app.ipc.ring import Ring
 from app.ipc.scheduling import LostTime, lost_time
 from core import tick_log
 from core.faults import cause
-from experiments.recording.writer import RecordingWriter
+from experiments.store.writer import RecordingWriter
 
 DRAIN_S = 0.02
 OnTicks = Callable[[np.ndarray], None]
@@ -31,30 +29,18 @@ class Recorder:
         """writer: None for a trial that is not kept. on_ticks: gets the ticks (n, width), too."""
         self.writer, self._on_ticks = writer, on_ticks
         self.error = ""  # why no more ticks can be recorded, so that the trial must end
-        self.trouble: OSError | None = None  # why ticks, or a line of the journal, could not be written
         self._ring = ring
         self._lateness: list[np.ndarray] = []
         self._lost_before, self._max_us, self._missed = self._lost(), 0.0, 0
         self._bytes, self._last_write = 0, time.perf_counter()
-        self._writes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
-    def write_between(self, write: Callable[[], None]) -> None:
-        """Write something else (a line of the journal) on the recorder's thread.
-
-        After the trial it is written here and now: OSError.
-        """
-        if self._thread.is_alive() and not self._end.is_set():
-            self._writes.put(write)
-        else:
-            write()
-
     @property
     def longest_sync_s(self) -> float:
         """The longest wait for the disk so far."""
-        return self.writer.longest_sync_s if self.writer is not None else 0.0
+        return self.writer.database.longest_sync_s if self.writer is not None else 0.0
 
     def close(self) -> None:
         """Record what is left in the ring and end the thread."""
@@ -62,13 +48,14 @@ class Recorder:
         self._thread.join()
 
     def proof(self) -> Proof | None:
-        """What is in the file now; None: the trial is not recorded."""
+        """What is in the database now; None: the trial is not recorded."""
         writer, now = self.writer, time.perf_counter()
         if writer is None:
             return None
-        if writer.bytes_written != self._bytes:
-            self._bytes, self._last_write = writer.bytes_written, now
-        return Proof(writer.path.name, writer.rows_written, writer.bytes_written, now - self._last_write)
+        written = writer.written
+        if written.bytes != self._bytes:
+            self._bytes, self._last_write = written.bytes, now
+        return Proof(writer.name, written.ticks, written.bytes, now - self._last_write)
 
     @property
     def lateness_us(self) -> np.ndarray:
@@ -96,14 +83,10 @@ class Recorder:
         while not ending:
             ending = self._end.wait(DRAIN_S)
             rows = self._ring.unrecorded_ticks()
-            if self.writer is not None and not self.error:  # after one: the trial is being ended for it
-                self._try(partial(self.writer.write, rows))
-                if self.writer.lost:
-                    self.error = self.error or cause("recording-failed", why="neither disk nor memory has room")
+            if self.writer is not None:
+                self._record(self.writer, rows)
             if self._on_ticks is not None and len(rows):
                 self._on_ticks(rows)
-            while not self._writes.empty():
-                self._try(self._writes.get())
             self._ring.mark_recorded(len(rows))
             if len(rows):
                 lateness = rows[:, tick_log.LATENESS_US].copy()
@@ -111,13 +94,18 @@ class Recorder:
                 self._missed += int(np.count_nonzero(lateness >= tick_log.MISSED_US))
                 self._lateness.append(lateness)
 
-    def _try(self, write: Callable[[], None]) -> None:
+    def _record(self, writer: RecordingWriter, rows: np.ndarray) -> None:
+        """Ticks, and events that others have added meanwhile."""
         try:
-            write()
-        except OSError as error:
-            self.trouble = self.trouble or error
+            writer.write(rows)
+            if writer.database.pending and writer.database.trouble is None:
+                writer.flush()
+        except OSError:
+            pass  # they are in memory: `Database.trouble` says why
         except ValueError as error:
             self.error = cause("recording-failed", why=error)
+        if writer.is_full:
+            self.error = self.error or cause("recording-failed", why="neither disk nor memory has room")
 
 
 def timing_of(lateness_us: np.ndarray, scheduling: str) -> Timing:

@@ -41,7 +41,7 @@ from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, middle_of
 from experiments.protocol_writer import Variant, save_variant
-from experiments.recording.schema import recording_of
+from experiments.recording import recording_of
 from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed
 from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial
@@ -266,7 +266,7 @@ class Sandbox:
     def lost(self) -> None:
         """Forget the running pass: the loop died with it. The device is as it was before the pass."""
         if self._running is not None:
-            self._running.run.abandon_recording()
+            self._running.run.recorder.close()
         self._running = None
 
     def returned(self, run: TrialRun, grasp: int) -> None:
@@ -280,7 +280,7 @@ class Sandbox:
             self._runner.go_on(run)
             return
         self._running, self._grasp = None, LET_GO if running.given_up else grasp
-        run.abandon_recording()
+        run.recorder.close()
         status, reason = (run.trial.outcome()[key] for key in ("status", "reason"))
         if not run.trial.finished or not self.on:
             return

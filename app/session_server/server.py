@@ -26,11 +26,12 @@ from app.session_server.lsl import Outlets
 from app.session_server.state import ServerState
 from core import tick_log
 from core.files import InputError
+from experiments.atomic_files import PRIVATE_FILE, make_folders, reason_of
 from experiments.inputs import INPUTS, is_person
 from experiments.protocol import Protocol, load_protocol
-from experiments.recording.atomic_files import reason_of
-from experiments.session import files
-from experiments.session.files import LOCK, InUse, hold_lock
+from experiments.store import files
+from experiments.store.files import LOCK, InUse, hold_lock
+from experiments.store.stored import read_stored
 
 BEAT_S = 0.02  # longest time between two looks at everything, and between two beats
 PULSE_S = 0.1
@@ -149,7 +150,7 @@ def take_folder(setup: Setup, cleanup: contextlib.ExitStack) -> Protocol:
     data_dir = setup.data_dir
     new = [path for path in (data_dir / LOCK, data_dir, *data_dir.parents) if not path.exists()]
     cleanup.callback(_remove_empty, data_dir, new, set(data_dir.glob("sub-*")))
-    data_dir.mkdir(parents=True, exist_ok=True)
+    make_folders(data_dir)
     cleanup.callback(_hold_lock(data_dir).release)
     (data_dir / FINISHING).unlink(missing_ok=True)
     cleanup.callback((data_dir / FINISHING).unlink, missing_ok=True)
@@ -179,7 +180,7 @@ def refusal_of(error: Exception, data_dir: Path) -> str:
 def _log_into(path: Path, early_errors: BinaryIO, cleanup: contextlib.ExitStack) -> None:
     """Write unexpected errors into the data folder from now on. OSError."""
     cleanup.callback(_close_log, path, early_errors)
-    log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, PRIVATE_FILE)
     for number in (1, 2):
         os.dup2(log, number)
     os.close(log)
@@ -193,8 +194,8 @@ def read_protocol(setup: Setup) -> Protocol:
     )
     if setup.participant:
         folder = files.session_folder(setup.data_dir, setup.participant)
-        if (folder / files.STORED).exists():
-            files.read_stored(folder)  # InputError if it is damaged
+        if not files.is_half_created(folder):
+            read_stored(folder)  # InputError if it is damaged
         else:
             files.refuse_existing(setup.data_dir, setup.participant)
             if is_person(setup.hand):

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow
 from experiments.inputs import is_person
 from experiments.plan import TRIAL_S, PlannedTrial, time_left_s
-from experiments.session.files import cell, open_trials, place
-from experiments.session.journal import (
+from experiments.store.cells import cell, open_trials, place
+from experiments.store.journal import (
     ANSWERS,
     BREAK_ENDED,
     CONTROLLER_ANSWERS,
@@ -20,7 +20,7 @@ from experiments.session.journal import (
     Event,
     read_events,
 )
-from experiments.session.session import Session
+from experiments.store.session import Session
 
 MOST_NAMED = 8  # trials in one sentence
 

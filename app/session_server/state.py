@@ -19,7 +19,7 @@ from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRun, TrialRunner
 from experiments.inputs import is_person
 from experiments.protocol import Protocol
-from experiments.session.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
+from experiments.store.journal import BRAKES_ALLOWED, BRAKES_OFF, WINDOW_LOST
 
 END_S = 5.0  # longest wait for a trial to end by itself when the session server ends
 WAIT_S = 0.01
@@ -39,7 +39,7 @@ class ServerState:
         self.why_off = ""  # cause of the brakes-off, as the journal has it
         self.presses = 0  # of the brakes-off, as the window has seen them
         self.broken = ""  # why no more trials can be run
-        self.storage = Storage(setup.data_dir, self.runner, self.notify)
+        self.storage = Storage(self.runner, self.notify)
         self._notice, self._notice_bad = "", False
         self._device_bad = False
         self._disk = DiskWatch(setup.data_dir)
@@ -83,7 +83,7 @@ class ServerState:
         coming = progress.coming if progress else None
         due = due_step(progress, self.device) if progress else None
         at = run.planned if run else coming
-        recording = check_recording(self.broken, self.storage.not_written, self.storage.verified, self.storage.streams)
+        recording = check_recording(self.broken, self.storage.not_written, self.storage.verified)
         if self._waits_for:
             recording = m.Check("Recording", m.WAITING, "waiting for the disk", self._waits_for)
         return m.Snapshot(
@@ -111,7 +111,6 @@ class ServerState:
             seconds_left=progress.seconds_left() if progress else None,
             newest=progress.newest if progress else None,
             not_written=self.storage.not_written,
-            moved=self.storage.moved,
             in_memory=self.storage.in_memory,
         )
 
@@ -216,6 +215,6 @@ class ServerState:
         self.runner.close()
         if self.runner.run is not None:
             self._handle_lost_loop(self.runner.run, reason)
-        if lost := self.storage.close_session():
-            self.broken = f"{lost} is lost: it could not be written before the session server ended"
-            self.notify(f"{self.broken[0].upper()}{self.broken[1:]}.", bad=True)
+        if left := self.storage.end():
+            self.broken = left
+            self.notify(f"{left}.", bad=True)

@@ -13,7 +13,7 @@ from app.ipc.messages import StepCard
 from app.session_server.device_setup import RealSetup, SimulatedSetup, Write
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
-from experiments.session.journal import ANSWERS, BREAK_ENDED, CONTROLLER_ANSWERS
+from experiments.store.journal import ANSWERS, BREAK_ENDED, CONTROLLER_ANSWERS
 
 DeviceSetup = SimulatedSetup | RealSetup
 

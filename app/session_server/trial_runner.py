@@ -1,7 +1,5 @@
 """Gives trials to the control loop and follows each to its end; starts a new loop when one dies."""
 
-import contextlib
-
 from app.ipc.messages import (
     Check,
     CheckTiming,
@@ -22,8 +20,8 @@ from app.session_server.recorder import OnTicks, Recorder, timing_of
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import TrialRow
-from experiments.recording.writer import RecordingWriter
-from experiments.session.session import Session
+from experiments.store.session import Session
+from experiments.store.writer import RecordingWriter
 from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial
@@ -89,33 +87,16 @@ class TrialRun:
             self.trial.timing = {**timing._asdict(), "ticks": len(self.recorder.lateness_us), "lost": lost}
 
     def finish(self, session: Session) -> TrialRow:
-        """Close and verify the recording and make its row. OSError or InputError if the recording is not whole."""
-        if self.recorder.error:
-            raise OSError(self.recorder.error)
+        """Close and verify the recording and make its row. OSError or InputError: it cannot be written."""
         assert self.recorder.writer is not None
         decided = self._decided and int(self._ring.control.cause) == STOPPED
-        return session.finish(self.trial, self.recorder.writer, cut_short=not decided, accept_stream=True)
-
-    def abandon_recording(self) -> None:
-        """Record no more; the stream stays as it is."""
-        self.recorder.close()
-        if self.recorder.writer is not None:
-            with contextlib.suppress(OSError, ValueError):  # the experimenter knows already that the disk is full
-                self.recorder.writer.abandon()
+        return session.finish(self.trial, self.recorder.writer, cut_short=not decided)
 
     def rescue(self, session: Session) -> None:
-        """After the loop is lost: store all its ticks as a recovered recording; the cell is open again."""
-        self.abandon_recording()
-        if (writer := self.recorder.writer) is not None:
-            if not writer.is_stored():
-                writer.save()
-            session.recover_interrupted()
-
-    @property
-    def unsaved(self) -> RecordingWriter | None:
-        """The recording, if it is whole in memory but not on the disk; else None."""
-        writer = self.recorder.writer
-        return writer if writer is not None and writer.in_memory and not writer.is_stored() else None
+        """After the loop is lost: store all its ticks as a recovered recording; the cell is open again. OSError."""
+        self.recorder.close()
+        if self.recorder.writer is not None:
+            session.rescue(self.recorder.writer)
 
     def _end_reason(self) -> str:
         """Why the loop ended the trial early; "": it did not."""

@@ -1,4 +1,4 @@
-"""The verbs on recordings: `phd replay` one; `phd analyze`, `phd export`, `phd verify`, `phd recover` a folder."""
+"""The verbs on recordings: `phd replay` one; `phd analyze`, `phd export`, `phd verify` a folder."""
 
 import argparse
 import getpass
@@ -32,7 +32,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone\n"
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"
-        "with the change of each box against the trials.csv of DIR; the exit code is still 0 (phd verify exits 1).\n"
+        "with the change of each box against the rows of DIR; the exit code is still 0 (phd verify exits 1).\n"
         "The journals in DIR are read for what no recording holds: trials skipped or done again later.",
         "phd analyze study-1 --out study-1-again", prints="the summary",
     ).add_argument  # fmt: skip
@@ -44,7 +44,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     option(
         "--beside", type=Path, nargs="+", default=[], metavar="DIR",
-        help="further studies: the findings of all, from their trials.csv, side by side in OUT/side-by-side.md",
+        help="further studies: the findings of all, from their rows, side by side in OUT/side-by-side.md",
     )  # fmt: skip
     option("--figures", **FIGURES)
     timeouts = "put trials whose time was up into boxes and statistics, which leave them out otherwise"
@@ -67,18 +67,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
         verbs, "verify", verify_verb,
         "check that nothing in a folder was changed or lost, and that every recording is whole\n"
         "Writes nothing. Exit 0: it is so, or a recording is marked as recovered (an unfinished plan is no fault).\n"
-        "Exit 1: each damaged batch, missing recording, trial that was cut off, changed or lost line of a journal,\n"
-        "changed record, and table that disagrees is named. Checksums find accidents, not malice.",
+        "Exit 1: each recording that is missing, damaged or was cut off, each row of a database that was changed or\n"
+        "is missing, each folder that is a copy, and each table that is stale is named, with what makes it again.\n"
+        "Checksums find accidents, not malice.",
         "phd verify study-1", prints="what was found",
-    ).add_argument  # fmt: skip
-    option("dir", **FOLDER)
-    option = add_verb(
-        verbs, "recover", recover_verb, "rescue what a crash left: every whole batch of a trial that was cut off\n"
-        "The trial gets a recording and a row marked as recovered; the file that the crash left is kept beside it.\n"
-        "What cannot be read of a journal is named, and the rest of it holds.\n"
-        "Exit 0: phd verify finds no fault any more. Exit 1: what is left is named. A folder that a running process\n"
-        "uses is refused. phd study --resume does the same before it goes on.",
-        "phd recover study-1", prints="what was done",
     ).add_argument  # fmt: skip
     option("dir", **FOLDER)
 
@@ -112,7 +104,7 @@ def export_verb(args: argparse.Namespace) -> None:
 
 
 def verify_verb(args: argparse.Namespace) -> int:
-    from experiments.session.verify import verify
+    from experiments.store.verify import verify
 
     found = with_progress("verifying", verify, args.dir)
     doubts = found["warnings"]
@@ -121,14 +113,6 @@ def verify_verb(args: argparse.Namespace) -> int:
         args, found, text, [*_warn_if_empty(found), *(f"{doubt['file']}: {doubt['warning']}" for doubt in doubts)]
     )
     return 1 if found["faults"] else 0
-
-
-def recover_verb(args: argparse.Namespace) -> int:
-    from experiments.session.recover import recover
-
-    done = with_progress("recovering", recover, args.dir)
-    print_result(args, done, summary_text(done), _warn_if_empty(done))
-    return 1 if done["faults"] or done["not_rescued"] else 0
 
 
 def replay_verb(args: argparse.Namespace) -> int | None:
@@ -143,7 +127,7 @@ def replay_verb(args: argparse.Namespace) -> int | None:
 
 
 def play(recording: Path) -> int:
-    from experiments.session.playback import read_playback
+    from experiments.store.playback import read_playback
 
     read_playback(recording)  # InputError: it cannot be played
     display = ScreenCheck("play it on", "--json needs none")

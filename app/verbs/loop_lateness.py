@@ -80,7 +80,7 @@ def measure(seconds: float, busy: int = 0, real_time: bool = True, progress: Pro
         return {**timing._asdict(), "ticks": len(all_us), "busy": busy, "real_time": runner.scheduling.real_time}
     finally:
         if runner.run:
-            runner.run.abandon_recording()
+            runner.run.recorder.close()
         leave_core(-1)
         runner.close()
 

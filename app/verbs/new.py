@@ -11,8 +11,8 @@ from app.verbs.common import add_verb, print_result, summary_text
 from core.control.own_file import read_own
 from core.device import SHIPPED_FOLDER, shipped_devices
 from core.files import InputError
+from experiments.atomic_files import make_empty_folder, write_new_files
 from experiments.protocol import read_code
-from experiments.recording.atomic_files import make_empty_folder, write_new_files
 
 TEMPLATES = Path(__file__).with_name("new_experiment")
 DEVICE = "my-device"

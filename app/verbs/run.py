@@ -160,7 +160,7 @@ def protocol_of(args: argparse.Namespace) -> Protocol:
 
 def plan_verb(args: argparse.Namespace) -> None:
     from experiments.analysis.own_measures import own_metrics
-    from experiments.session.files import free_participant
+    from experiments.store.files import free_participant
 
     protocol = protocol_of(args)
     own_metrics(protocol)  # InputError: its own measures cannot be used

@@ -136,7 +136,6 @@ class MainWindow(QWidget):
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
-        self._moved: tuple[str, str] | None = None  # as the newest snapshot has it
         self._stake: tuple | None = None  # `_at_stake` when the user closed the window last
         self.dead = self._closing = False
         self.pages: dict[str, Page] = {}
@@ -403,20 +402,8 @@ class MainWindow(QWidget):
             page.show_snapshot(snapshot)
         self._foot.setCurrentIndex(int(self.preflight.show_snapshot(snapshot)))
         self.preflight.banner.foot.setText(self.footer.summary)
-        if snapshot.moved is not None and self._moved != snapshot.moved:
-            self._follow(snapshot)
-        self._moved = snapshot.moved
         if self._stake is not None and self._stake != self._at_stake():
             self.cards.withdraw({"close"})  # it is true no more
-
-    def _follow(self, snapshot: m.Snapshot) -> None:
-        """The session was brought to another data folder: go on with it there."""
-        assert snapshot.moved is not None
-        folder, participant = snapshot.moved
-        if snapshot.notice_bad:
-            self.cards.show_message("Another data folder", snapshot.notice)
-        setup = self.client.setup._replace(data_dir=Path(folder), participant="")
-        self.restart_asked.emit(setup, m.Open(participant, resume=True))
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.footer.show_pulse(pulse)

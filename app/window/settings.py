@@ -156,7 +156,7 @@ def files_help(data_folder: str) -> dict[str, str]:
     kept = memory.file()
     return {
         "Sessions": data_folder,
-        "Each session": "sub-01/ses-01: session.json (plan and protocol), journal.jsonl, trials.csv, trials/ with one "
+        "Each session": "sub-01/ses-01: session.db (plan, protocol, journal, rows), trials.csv, trials/ with one "
         "recording for each trial.",
         "Settings": kept.fileName() if kept else "not kept",
         "Program": str(Path(__file__).resolve().parents[2]),

@@ -50,8 +50,8 @@ from experiments.analysis.sheet import (
     small_print,
 )
 from experiments.analysis.trials_table import StudyData, Trials
+from experiments.atomic_files import refuse_existing_files, write_new_files
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 FORMATS = ("png", "svg", "pdf")
 PAPER = "paper"  # the protocol whose figures these are

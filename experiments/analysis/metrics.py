@@ -25,7 +25,7 @@ from experiments.analysis.movement import (
 )
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
-    from experiments.recording.schema import Recording
+    from experiments.recording import Recording
 
 LEAST_PROGRESS_M = 1e-9  # less is rounding: no progress was made
 

@@ -19,7 +19,7 @@ from core.workspace import brake_rows
 from experiments.analysis import steering
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
-    from experiments.recording.schema import Recording
+    from experiments.recording import Recording
 
 SAMPLE_RATE_HZ = 1000.0
 TIME_TOLERANCE_S = 1e-9  # of a tick's time from the uniform grid

@@ -13,7 +13,7 @@ from string import Template
 from core.files import InputError
 from experiments.analysis import report_sentences, report_tables
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, box_findings_of, findings, why_no_findings
-from experiments.analysis.sensitivity import sensitivity
+from experiments.analysis.sensitivity import Read, sensitivity
 from experiments.analysis.simulation_errors import HAND, STEP, Moved, error_sentence, error_table
 from experiments.analysis.statistics import (
     MEASURES,
@@ -35,7 +35,7 @@ from experiments.analysis.trials_table import (
     to_compare,
     without_value,
 )
-from experiments.recording.atomic_files import write_new_files
+from experiments.atomic_files import write_new_files
 
 TEMPLATE = Path(__file__).with_name("report_template.md")
 SIMULATED = "The participants are simulated: all of this is about the model, not about people."
@@ -46,14 +46,14 @@ def write_report(
     out_folder: str | Path,
     timeouts: bool = False,
     moved: Sequence[Moved] = (),
-    recordings: Path | None = None,
+    read: Read | None = None,
 ) -> list[str]:
     """Write the files into `out_folder`; the warnings.
 
     The paper's statements are tested on Table I's controllers alone. Of coded trials only the means are written: each
     blind session has a key of its own, so codes cannot be compared.
     timeouts: trials whose time was up count in the statistics.
-    recordings: where the recordings of the trials are named from, for further definitions of smoothness.
+    read: gives the recording that a row names, for further definitions of smoothness.
     moved: how far the measures move when the trials of a sample are simulated otherwise.
     InputError before anything is written if one exists already or no trial counts.
     """
@@ -76,7 +76,7 @@ def write_report(
     files = {"participant_means.csv": _means_csv(to_compare(trials, timeouts))}
     if not coded:
         none = _uncontrolled(data)
-        results = [*statistics(trials, timeouts), *sensitivity(trials, recordings, timeouts, none or 0)]
+        results = [*statistics(trials, timeouts), *sensitivity(trials, read, timeouts, none or 0)]
         files["statistics.csv"] = _csv(Result._fields, results)
         parts |= _comparisons(data, results, names) if refusal else {}
         parts |= {} if none is None else _against_none(data, results, names, none)

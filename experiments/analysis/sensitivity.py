@@ -9,7 +9,6 @@ the reaction time, from the tick on at which the tip has moved 1 mm.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -26,9 +25,9 @@ from experiments.analysis.movement import (
 )
 from experiments.analysis.statistics import Result, configurations_of, scores
 from experiments.analysis.trials_table import Trials, by_controller, to_compare
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording
+from experiments.recording import Recording
 
+Read = Callable[[str], Recording]  # gives the recording of that name in a table
 #: Accuracy, force, smoothness -> the measures that define it; the first is the one of the figures.
 DEFINITIONS = {
     thing: tuple(metric.name for metric in METRICS if metric.stands_for == thing)
@@ -121,18 +120,18 @@ def _from_recording(recording: Recording) -> dict[str, float | None]:
     }
 
 
-def sensitivity(trials: Trials, folder: Path | None = None, timeouts: bool = False, none: int = 1) -> list[Result]:
+def sensitivity(trials: Trials, read: Read | None = None, timeouts: bool = False, none: int = 1) -> list[Result]:
     """The order of controllers, best first, by each definition, and how well it agrees with the first one's.
 
     Controllers stand in the order of the mean over participants of their means. `value`: Kendall's tau with the first
-    definition's order (1: the same order, -1: reversed). folder: trials name their recordings relative to it,
-    from which those of `_from_recording` are taken as well. timeouts: trials whose time was up count as well.
+    definition's order (1: the same order, -1: reversed). read: gives the recording of that name in the
+    table, from which those of `_from_recording` are taken as well. timeouts: trials whose time was up count as well.
     Of smoothness also each controller's median over that of no control (number `none`), by each definition.
     """
     trials = to_compare(trials, timeouts)
-    if folder:
-        trials = _with_definitions(trials, folder)
-    further = {"smoothness": tuple(SMOOTHNESS), "force": (FORCE_MOVING,)} if folder else {}
+    if read:
+        trials = _with_definitions(trials, read)
+    further = {"smoothness": tuple(SMOOTHNESS), "force": (FORCE_MOVING,)} if read else {}
     results = []
     for thing, named in DEFINITIONS.items():
         definitions = (*named, *further.get(thing, ()))
@@ -151,13 +150,13 @@ def sensitivity(trials: Trials, folder: Path | None = None, timeouts: bool = Fal
                 results.append(Result(*about, tau))
                 if thing == "smoothness" and not _higher_is_better(definition):
                     results += _roughness(here, definition, configuration, people, none)
-    return results + _without_reaction(trials) if folder else results
+    return results + _without_reaction(trials) if read else results
 
 
-def _with_definitions(trials: Trials, folder: Path) -> Trials:
+def _with_definitions(trials: Trials, read: Read) -> Trials:
     """The trials with a column for each of `_from_recording`."""
     measured = trials[trials["duration_s"] > 0.0]
-    found = {at: _from_recording(read_recording(folder / name)) for at, name in measured["recording"].items()}
+    found = {at: _from_recording(read(name)) for at, name in measured["recording"].items()}
     columns = (*SMOOTHNESS, FORCE_MOVING, DURATION_MOVING)
     return trials.assign(**{
         name: np.array([found.get(at, {}).get(name) for at in trials.index], dtype=float) for name in columns

@@ -28,13 +28,13 @@ from core.path import Path as PathAhead
 from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.own_measures import recorded_metrics
+from experiments.atomic_files import reason_of, replace_file, write_new_file
 from experiments.protocol import label
-from experiments.recording.atomic_files import reason_of, replace_file, write_new_file
 
 if TYPE_CHECKING:  # the windows import the table, not what reads recordings
     import pandas as pd
 
-    from experiments.recording.schema import Recording
+    from experiments.recording import Recording
 
 #: How a trial ended.
 STATUSES = {
@@ -173,12 +173,6 @@ def with_name(row: TrialRow, names: Mapping[int, str]) -> TrialRow:
     return replace(row, controller_name=which if isinstance(which, str) else names.get(which))
 
 
-def is_same_row(stored: TrialRow, right: TrialRow) -> bool:
-    """Whether a table's row is the right one; an earlier version's table has no name to compare."""
-    name = None if stored.controller_name is None else right.controller_name or ""
-    return stored == replace(right, controller_name=name)
-
-
 def is_code(cell: object) -> bool:
     """Whether this is the code of a controller in a blind session: K1, K2, .."""
     return isinstance(cell, str) and re.fullmatch(r"K[1-9]\d*", cell) is not None
@@ -275,31 +269,13 @@ def frame_bytes(frame: "pd.DataFrame") -> bytes:
     return frame.to_csv(index=False, lineterminator="\n").encode()
 
 
-def write_table(path: str | Path, trials: Trials, replacing: bool = False) -> None:
+def write_table(path: str | Path, trials: Trials, replacing: bool = False, sync: bool = True) -> None:
     """Write a whole table in one step: a reader finds the old one or the new one, after a crash too.
 
     InputError if the file exists, unless `replacing`, or cannot be there; OSError if the disk takes no more.
     """
     write = replace_file if replacing else write_new_file
-    write(Path(path), table_bytes(trials), sync=True)
-
-
-def append_row(
-    path: str | Path, row: TrialRow, known: bytes = b"", sync: bool = True, names: Mapping[int, str] | None = None
-) -> bytes:
-    """Add a row at the end, making the table if there is none; the rows before are kept as they are.
-
-    Returns the new content of the file. known: the content that the last call returned, which is as it should be.
-    names: of the controllers, for rows of an earlier version's table, which has no such column.
-    """
-    path = Path(path)
-    content = path.read_bytes() if path.exists() else b""
-    before = read_table(path) if content else as_table([])
-    if len(before) and content != known and content != table_bytes(before):
-        raise InputError(f"{path}: was changed by hand or by another version, adding a row would lose something")
-    data = table_bytes(as_table([*(with_name(earlier, names or {}) for earlier in as_rows(before)), row]))
-    replace_file(path, data, sync)
-    return data
+    write(Path(path), table_bytes(trials), sync)
 
 
 def read_table(path: str | Path) -> Trials:

@@ -47,9 +47,9 @@ from experiments.export.files import (
 )
 from experiments.inputs import INPUTS, is_person
 from experiments.protocol_file import Export
-from experiments.recording.schema import Recording
-from experiments.session.files import StoredSession, read_stored
-from experiments.session.metadata import version_of
+from experiments.recording import Recording
+from experiments.store.metadata import version_of
+from experiments.store.stored import StoredSession, read_stored
 
 BIDS_VERSION = "1.11.1"
 TASK, TRACKSYS = "pathfollow", "fivebar"

@@ -24,9 +24,9 @@ from experiments.analysis.trials_table import (
     TrialRow,
     as_table,
     check_named,
-    row_of,
     write_table,
 )
+from experiments.atomic_files import new_folders
 from experiments.export.bids import BidsDataset
 from experiments.export.files import (
     DECISION_READING,
@@ -42,15 +42,13 @@ from experiments.export.files import (
     write_json,
 )
 from experiments.progress import Progress, no_progress
-from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.atomic_files import new_folders, reading_stored
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import TEXT_COLUMNS
-from experiments.session.blind import without_telltales
-from experiments.session.checksums import read_sealed
-from experiments.session.consent import agreed
-from experiments.session.files import STORED, TABLE, recordings_in, refuse_no_folder, relative_to, rows_of
-from experiments.session.journal import BEGUN, read_events
+from experiments.recording import TEXT_COLUMNS
+from experiments.store.blind import without_telltales
+from experiments.store.consent import agreed
+from experiments.store.files import lost_recordings, recordings_in, refuse_no_folder, relative_to, rows_of, sessions_in
+from experiments.store.journal import BEGUN, read_events
+from experiments.store.reader import read_recording
+from experiments.store.stored import read_stored
 
 #: What an export shows of a trial while its session is blind.
 _SHOWN_WHILE_BLIND = (
@@ -73,11 +71,14 @@ def export(
     """
     folder = Path(folder)
     refuse_no_folder(folder)
-    homes = sorted(folder.glob("sub-*/ses-*"))
+    there = sessions_in(folder)
+    homes = there.folders
     paths = [path for home in homes for path in recordings_in(home)]
     if not paths:
-        raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
+        nothing = f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)"
+        raise InputError("; ".join([nothing, *there.sentences(folder)]))
     sessions, left_out = _read_sessions(folder, homes, set(paths))
+    left_out += there.sentences(folder)
     trials = 0
     with _new_folders(outs) as partial:
         forms = [
@@ -88,7 +89,7 @@ def export(
             home = path.parent.parent
             trial = (
                 _trial_or_reason(path, sessions[home]) if home in sessions
-                else "the table of its session cannot be read"
+                else "its session cannot be read"
             )  # fmt: skip
             if isinstance(trial, str):
                 left_out.append(f"{path.relative_to(folder).as_posix()} ({trial})")
@@ -105,6 +106,7 @@ def export(
         for form in forms:
             form.finish(Exported(folder.resolve().name, left_out, blind, unrecorded, list(sessions), consent))
     summary = {"recordings": len(paths), "trials": trials, "left_out": left_out, "blind": blind}
+    summary |= {"warnings": lost_recordings(homes)}
     return {form: str(out) for form, out in outs.items()} | summary
 
 
@@ -117,7 +119,7 @@ def _read_sessions(folder: Path, homes: list[Path], found: set[Path]) -> tuple[d
     for home in homes:
         try:
             sessions[home] = _session_of(home)
-        except InputError as error:  # without its table a session cannot say what its trials are
+        except InputError as error:  # without its rows a session cannot say what its trials are
             left_out.append(relative_to(folder, str(error)))
             continue
         if sessions[home].agreed is False:
@@ -125,15 +127,14 @@ def _read_sessions(folder: Path, homes: list[Path], found: set[Path]) -> tuple[d
     for home, session in sessions.items():
         for row in session.recorded.values():
             path = home / row.recording
-            if found.isdisjoint(path.with_suffix(suffix) for suffix in (PARQUET_SUFFIX, STREAM_SUFFIX)):
-                left_out.append(f"{path.relative_to(folder).as_posix()} (stands in {TABLE}, but is not there)")
+            if path not in found:
+                left_out.append(f"{path.relative_to(folder).as_posix()} (has a row, but is not in the database)")
     return sessions, left_out
 
 
 class _Session(NamedTuple):
     """A session without its recordings."""
 
-    has_table: bool
     recorded: dict[str, TrialRow]  # by the name of the recording, without suffix
     unrecorded: list[TrialRow]
     blind: bool
@@ -145,11 +146,10 @@ class _Session(NamedTuple):
 def _session_of(folder: Path) -> _Session:
     rows = rows_of(folder)
     version, answer = "n/a", None
-    with contextlib.suppress(InputError), reading_stored(folder / STORED):  # `phd verify` names what is wrong
-        about = read_sealed(folder / STORED)
+    with contextlib.suppress(InputError):  # `phd verify` names what is wrong
+        about = read_stored(folder).about
         version, answer = str(about["versions"]["phd"]), agreed(about)
     return _Session(
-        (folder / TABLE).exists(),
         {Path(row.recording).stem: row for row in rows if row.recording},
         [row for row in rows if not row.recording],
         any(isinstance(row.controller, str) for row in rows),
@@ -164,11 +164,11 @@ def _trial_or_reason(path: Path, session: _Session) -> ExportedTrial | str:
     recording, home = read_recording(path), path.parent.parent
     if not recording.whole:
         return recording.faults
-    if session.has_table and path.stem not in session.recorded:
-        return f"has no row in {TABLE}: the trial is running, or phd recover is needed"
+    if path.stem not in session.recorded:
+        return "has no row yet"
+    row = session.recorded[path.stem]
     try:
         check_named(recording)
-        row = session.recorded[path.stem] if session.has_table else row_of(recording, home)
     except InputError as error:
         return relative_to(home, str(error))
     about = {**recording.metadata, "controller": row.controller}

@@ -17,9 +17,9 @@ from core.files import InputError
 from experiments.analysis.charts import AnswerSet
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import DICTIONARY, DictionaryEntry, TrialRow, by_controller, csv_bytes
-from experiments.recording.schema import Recording
-from experiments.session.files import read_stored
-from experiments.session.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
+from experiments.recording import Recording
+from experiments.store.journal import ANSWERS, CONTROLLER_ANSWERS, NOTE, read_events
+from experiments.store.stored import read_stored
 
 #: The columns of a recording.
 RECORDING = {

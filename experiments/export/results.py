@@ -31,10 +31,17 @@ from experiments.analysis.trials_table import (
 )
 from experiments.export.files import answers_and_notes
 from experiments.protocol import Protocol, label
-from experiments.recording.atomic_files import reading_stored
-from experiments.session.checksums import read_sealed
-from experiments.session.files import STORED, TABLE, read_stored, refuse_no_folder, rows_of, sessions_in
-from experiments.session.journal import journal_summary
+from experiments.store.files import (
+    TABLE,
+    Sessions,
+    lost_recordings,
+    planned_trials,
+    refuse_no_folder,
+    rows_of,
+    sessions_in,
+)
+from experiments.store.journal import journal_summary
+from experiments.store.stored import protocol_texts, read_stored
 
 
 class Results(NamedTuple):
@@ -93,17 +100,19 @@ def read_results(folder: Path) -> Results:
     """
     refuse_no_folder(folder)
     with contextlib.suppress(InputError):  # it holds other files as well, maybe a table
-        if sessions := sessions_in(folder):
-            return _of_sessions(folder, sessions)
+        there = sessions_in(folder)
+        if there.folders or there.left_out:
+            return _of_sessions(folder, there)
     if (folder / TABLE).exists():
         trials = read_table(folder / TABLE)
         return Results(folder, trials, labels=_labels(trials), configurations=_configurations(trials))
     return Results(folder, as_table([]))
 
 
-def _of_sessions(folder: Path, sessions: Sequence[Path]) -> Results:
+def _of_sessions(folder: Path, there: Sessions) -> Results:
     rows: list[TrialRow] = []
-    problems: list[str] = []
+    sessions = there.folders
+    problems = [*there.sentences(folder), *lost_recordings(sessions)]
     for session in sessions:
         place = Path(os.path.relpath(session, folder)).as_posix()
         with _noting(problems):
@@ -145,10 +154,9 @@ def _plans_and_protocols(sessions: Sequence[Path], problems: list[str]) -> tuple
     planned: dict[str, int] = {}
     texts: dict[str, Path] = {}  # a protocol, as stored -> a session that follows it
     for session in sessions:
-        with contextlib.suppress(InputError), reading_stored(session / STORED):  # `phd verify` names what is wrong
-            about = read_sealed(session / STORED)
-            planned[str(about["participant"])] = len(about["plan"])
-            texts.setdefault(json.dumps(about["protocol"], sort_keys=True), session)
+        with contextlib.suppress(InputError):  # `phd verify` names what is wrong
+            planned[session.parent.name.removeprefix("sub-")] = planned_trials(session)
+            texts.setdefault(json.dumps(protocol_texts(session), sort_keys=True), session)
     protocols = []
     for session in texts.values():
         with _noting(problems):

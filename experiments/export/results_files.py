@@ -20,13 +20,14 @@ from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import QUIET, STYLE, new_figure
 from experiments.analysis.trials_table import STATUSES, Trials, as_rows, as_table, to_compare, write_table
+from experiments.atomic_files import new_folders, reason_of, write_new_file
 from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Results, ResultsJob, read_results
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import new_folders, reason_of, write_new_file
-from experiments.recording.reader import read_recording
-from experiments.session import journal
-from experiments.session.files import TABLE, read_stored
+from experiments.store import journal
+from experiments.store.files import TABLE
+from experiments.store.reader import read_recording
+from experiments.store.stored import StoredSession, read_stored
 
 PAGE = 8.27, 11.69  # inches: A4
 MARGIN, LINE = 0.8, 0.19  # inches
@@ -42,7 +43,8 @@ LISTED = {
     journal.BRAKES_OFF.name: "brakes off: {cause}",
     journal.LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
     journal.WINDOW_LOST.name: "the window ended while the session was open",
-    journal.SESSION_RECOVERED.name: "the files were recovered after a crash",
+    journal.REPAIRED.name: "what a crash had left open was closed",
+    journal.CLOCK_JUMPED.name: "the clock of the computer was set by {seconds} s",
     journal.SKIPPED.name: "run {run} skipped: {reason}",
     journal.REDONE.name: "run {run} repeated: {reason}",
     journal.EXCLUDED.name: "run {run} excluded: {reason}",
@@ -96,14 +98,17 @@ def session_lines(session: Path) -> list[tuple[str, str]]:
     stored, results, events = read_stored(session), read_results(session), journal.read_events(session)
     return [
         ("title", f"Session of participant {stored.participant}"),
-        *_head_lines(stored.about, results, events),
+        *_head_lines(stored, results, events),
         *_measures(results),
         *_timing(session, results.trials),
         *_faults_and_decisions(events),
     ]
 
 
-def _head_lines(about: dict, results: Results, events: Sequence[journal.JournalEntry]) -> Iterator[tuple[str, str]]:
+def _head_lines(
+    stored: StoredSession, results: Results, events: Sequence[journal.JournalEntry]
+) -> Iterator[tuple[str, str]]:
+    about = stored.about
     versions = about["versions"]
     count = Counter(results.trials["status"])
     yield "text", f"Begun {about['created']}, last entry {events[-1].time if events else 'none'} (UTC)."
@@ -114,7 +119,7 @@ def _head_lines(about: dict, results: Results, events: Sequence[journal.JournalE
     yield "text", f"Seed {about['seed']}; plan {about['plan_sha256'][:12]}; {made_by}."
     yield "head", "Plan"
     listed = ", ".join(f"{count[status]} {status}" for status in STATUSES if count[status])
-    yield "text", f"{len(about['plan'])} trials planned; {len(results.trials)} rows: {listed or 'none'}."
+    yield "text", f"{len(stored.plan)} trials planned; {len(results.trials)} rows: {listed or 'none'}."
     if text := left_out(results.trials):
         yield "text", text.replace("crosses above the scale, not in the boxes", "not in the numbers below")
 

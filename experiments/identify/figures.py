@@ -23,10 +23,10 @@ from experiments.analysis.sheet import (
     sheet,
     title,
 )
+from experiments.atomic_files import refuse_existing_files
 from experiments.identify.fit import surface_row, torque_change
 from experiments.identify.identification import Identification
 from experiments.numbers import significant
-from experiments.recording.atomic_files import refuse_existing_files
 
 FORMS = ("png", "pdf")
 FITTED, MEASURED = BLUE, ORANGE

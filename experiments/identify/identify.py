@@ -17,11 +17,11 @@ import numpy as np
 
 from core.device_file import BrakeFile, parse_brake
 from core.files import InputError, StrangeInput
+from experiments.atomic_files import refuse_existing_files, write_new_files
 from experiments.identify.fit import A_NAMES, K_NAMES
 from experiments.identify.identification import GIVEN, IDENTIFIED, ByHand, Identification, identify_steps
 from experiments.identify.step_response import read_steps
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import refuse_existing_files, write_new_files
 
 #: Our choice: Eq. (4) is extrapolated below the lowest measured speed by this factor, then held.
 BELOW_MEASURED = 0.25

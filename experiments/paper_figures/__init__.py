@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from core.device import Device
 from experiments.analysis.sheet import STYLE, figure_bytes
+from experiments.atomic_files import refuse_existing_files, refusing, write_new_files
 from experiments.paper_figures.brake import (
     brakes_of,
     draw_current_steps,
@@ -31,7 +32,6 @@ from experiments.paper_figures.spring_release import draw_releases
 from experiments.paper_figures.stopping import draw_stopping
 from experiments.paper_figures.workspace import draw_sdof_paths
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import refuse_existing_files, refusing, write_new_files
 
 FORMS = ("png", "pdf")
 #: Device -> the number of its SDOF paths in the paper; those of other devices are named after both figures.

@@ -24,7 +24,7 @@ from experiments.paper_figures.brake import WHITE
 from experiments.paper_figures.directions import force_lines, gaps
 from experiments.plan import PlannedTrial
 from experiments.protocol import PAPER, Protocol, load_protocol, middle_of_first
-from experiments.recording.schema import recording_of
+from experiments.recording import recording_of
 from experiments.trial.population import load_population
 from experiments.trial.trial import Conditions, SimulatedTrial
 

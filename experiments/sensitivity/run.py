@@ -16,9 +16,9 @@ from core.files import InputError
 from core.tick_log import TICK_S
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import JUDGED
+from experiments.atomic_files import replace_file
 from experiments.plan import make_plan
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import replace_file
 from experiments.sensitivity.ranges import Ranges, Value
 from experiments.sensitivity.report import report_files
 from experiments.study.jobs import Done, Work, device_texts, run_work, table_lines

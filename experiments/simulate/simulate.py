@@ -34,9 +34,9 @@ from core.simulator.simulation import (
     Simulation,
 )
 from core.tick_log import STUCK_LETTERS
+from experiments.atomic_files import refuse_existing_files, refusing
 from experiments.numbers import significant
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import refuse_existing_files, refusing
 from experiments.simulate.leaving import Leaving, looks_per_row
 from experiments.simulate.scene import Scene
 

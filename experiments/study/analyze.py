@@ -2,7 +2,7 @@
 
 The journals say what no recording can: which trial was done again later, which was skipped, whether the key of a blind
 session was opened. What is damaged or was cut off is left out and named; every box is compared with the
-table in DIR, and those that differ are named.
+rows in DIR, and those that differ are named.
 """
 
 import shutil
@@ -24,31 +24,40 @@ from experiments.analysis.trials_table import (
     StudyData,
     TrialRow,
     Trials,
-    as_rows,
     as_table,
     by_controller,
     is_coded,
-    read_table,
     row_of,
     write_table,
 )
+from experiments.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.inputs import is_person
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
-from experiments.recording.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
-from experiments.recording.reader import read_recording
-from experiments.session.blind import read_key, unblinded
-from experiments.session.files import TABLE, hold_lock, read_stored, recordings_in, refuse_no_folder, relative_to
-from experiments.session.journal import (
+from experiments.store.blind import unblinded
+from experiments.store.database import Database
+from experiments.store.files import (
+    TABLE,
+    InUse,
+    hold_lock,
+    lost_recordings,
+    pooled_rows,
+    recordings_in,
+    refuse_no_folder,
+    relative_to,
+    sessions_in,
+)
+from experiments.store.journal import (
     KEY_OPENED,
     NAME,
     JournalSummary,
-    close_journal,
+    JournalWriter,
     journal_summary,
     rows_without_recording,
-    write_event,
 )
-from experiments.session.metadata import operators_from_json, preset_from_json
+from experiments.store.metadata import operators_from_json, preset_from_json
+from experiments.store.reader import read_recording
+from experiments.store.stored import read_stored
 from experiments.study.unrecorded import errors_in
 
 
@@ -96,7 +105,7 @@ def analyze(
     """Write trials.csv, the figures and the report into a new folder (default DIR/analysis-N); the summary.
 
     A recording that is damaged or was cut off is left out and named, here and on the figures; `changed` gives each box
-    that is not what the table in DIR gives. unblind: who opens the keys of blind sessions, for this analysis alone: it
+    that is not what the rows in DIR give. unblind: who opens the keys of blind sessions, for this analysis alone: it
     is written into their journals, and their own tables stay coded. timeouts: trials whose time was up are in boxes and
     statistics.
     purpose: of the figures, as `draw_boxplots` has it.
@@ -104,16 +113,24 @@ def analyze(
     """
     folder = Path(folder)
     refuse_no_folder(folder)
-    sessions = {session: recordings_in(session) for session in sorted(folder.glob("sub-*/ses-*"))}
+    there = sessions_in(folder)
+    sessions = {session: recordings_in(session) for session in there.folders}
     recordings = sum(map(len, sessions.values()))
     if not recordings:
-        raise InputError(f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)")
+        nothing = f"{folder}: holds no recordings (sub-*/ses-*/trials/run-*)"
+        raise InputError("; ".join([nothing, *there.sentences(folder)]))
     out = out or first_free(folder, "analysis")
     make_empty_folder(out, "results are never overwritten")
-    found, done = Found(), 0
+    found, done = Found(left_out=there.sentences(folder)), 0
     try:
         for session, paths in sessions.items():
-            journal = _journal_of(session, folder, out, unblind, found)
+            try:
+                journal = _journal_of(session, folder, out, unblind, found)
+            except InUse:
+                raise
+            except InputError as error:
+                found.left_out.append(relative_to(folder, str(error)))
+                continue
             rows: list[TrialRow] = []
             for path in paths:
                 rows += read_one(path, folder, out, journal, found)
@@ -126,15 +143,14 @@ def analyze(
     except BaseException:  # an interrupt too: an analysis is there whole or not at all
         _remove_results(out)
         raise
-    table = folder / TABLE
     return {
         "out": str(out),
         "recordings": recordings,
         "trials": len(found.rows),
         "coded": found.coded,
         "left_out": found.left_out,
-        "changed": changed_boxes(table, found, timeouts) if found.left_out or table.exists() else [],
-        "warnings": [*found.doubts, *warned],
+        "changed": changed_boxes(folder, found, timeouts),
+        "warnings": [*lost_recordings(there.folders), *found.doubts, *warned],
     }
 
 
@@ -163,15 +179,13 @@ def _journal_of(session: Path, folder: Path, out: Path, unblind: str, found: Fou
 
 def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found: Found) -> JournalSummary:
     """The journal with the key of a blind session, once it is journalled that it was opened."""
-    about = read_stored(session).about
-    if not about.get("blind"):
+    stored = read_stored(session)
+    if not stored.about["blind"]:
         return journal
-    key = read_key(session, str(about.get("key_sha256")))
-    with hold_lock(session):
-        write_event(session, KEY_OPENED, who=who, analysis=str(out))
-        close_journal(session)
-    found.keys[str(about["participant"])] = key
-    return replace(journal, key=key)
+    with hold_lock(session), Database(session) as database:
+        JournalWriter(database).write(KEY_OPENED, who=who, analysis=str(out))
+    found.keys[stored.participant] = stored.key
+    return replace(journal, key=stored.key)
 
 
 def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found: Found) -> list[TrialRow]:
@@ -215,23 +229,21 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool, purpose: str
             moved = errors_in(folder)
         except InputError as error:  # another version's operator
             unsure = [f"{error}, so the report has no error bars"]
-    warned = write_report(data, out / "report", timeouts, moved, out)
+    warned = write_report(data, out / "report", timeouts, moved, lambda name: read_recording(out / name))
     return [*warned, *unsure]
 
 
-def changed_boxes(table: Path, found: Found, timeouts: bool) -> list[str]:
-    """How each box of the figures differs from what `table` gives: its count of trials and its median.
+def changed_boxes(folder: Path, found: Found, timeouts: bool) -> list[str]:
+    """How each box of the figures differs from what the sessions' rows give: its count of trials and its median.
 
     timeouts: trials whose time was up are in the boxes.
 
-    Rows of sessions whose key was opened here are blind in the table: they are compared opened.
+    Rows of sessions whose key was opened here are blind: they are compared opened.
     """
-    if not table.exists():
-        return [f"{table}: there is no such table, so the figures cannot be compared with it"]
     try:
-        stored = as_table(unblinded(row, found.keys.get(row.participant, {})) for row in as_rows(read_table(table)))
+        stored = as_table(unblinded(row, found.keys.get(row.participant, {})) for row in pooled_rows(folder))
     except InputError as error:
-        return [f"{error}, so the figures cannot be compared with it"]
+        return [f"{error}, so the figures cannot be compared with its rows"]
     data = found.data
     configurations = tuple(dict.fromkeys((*stored["configuration"], *data.trials["configuration"])))
     changes, names = [], data.labels
@@ -260,19 +272,20 @@ def read_studies(folders: Sequence[Path]) -> dict[str, Trials]:
     """The trials of several studies, by the names of their folders. InputError if one cannot be compared."""
     studies: dict[str, Trials] = {}
     for folder in folders:
-        trials = read_table(folder / TABLE)
+        there = sessions_in(folder)
+        trials = as_table(pooled_rows(folder))
         name = folder.resolve().name
         if name in studies:
             raise InputError(f"{folder}: another study of this name is named already, they cannot be told apart")
         if not trials["status"].isin(COUNTED).any():
-            raise InputError(f"{folder / TABLE}: holds no trial that counts, there is nothing to compare")
+            raise InputError(f"{folder}: holds no trial that counts, there is nothing to compare")
         presets = {
             number: preset
-            for session in sorted(folder.glob("sub-*/ses-*"))
+            for session in there.folders
             for number, preset in read_stored(session).protocol.controllers.items()
         }
         if reason := why_no_findings(presets, is_coded(trials)):
-            raise InputError(f"{folder / TABLE}: {reason}")
+            raise InputError(f"{folder}: {reason}")
         studies[name] = trials
     return studies
 

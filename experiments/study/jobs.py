@@ -24,9 +24,9 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 from core.device import Device
 from core.files import InputError
 from experiments.analysis.trials_table import csv_bytes
+from experiments.atomic_files import make_empty_folder, rename, write_new_file, written_beside
 from experiments.progress import Progress
-from experiments.recording.atomic_files import make_empty_folder, rename, write_new_file, written_beside
-from experiments.session.files import LOCK, hold_lock
+from experiments.store.files import LOCK, hold_lock
 from experiments.study.helpers import cores, process_pool
 
 PARTS = "parts"

@@ -15,10 +15,10 @@ from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.sheet import PAGE_IN, STYLE, figure_bytes, plain, sheet, title
 from experiments.analysis.statistics import LEAST_PEOPLE, ByController, by_configuration
 from experiments.analysis.trials_table import TrialRow, Trials, as_table, frame_bytes, to_compare
+from experiments.atomic_files import make_empty_folder, write_new_files
 from experiments.numbers import percent, significant
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
-from experiments.recording.atomic_files import make_empty_folder, write_new_files
 from experiments.study.helpers import cores, process_pool
 from experiments.study.people_needed import (
     MOST_PEOPLE,

@@ -29,11 +29,11 @@ from experiments.analysis.metrics import METRICS, trial_metrics
 from experiments.analysis.movement import along_path
 from experiments.analysis.own_measures import recorded_metrics
 from experiments.assumptions import DEFAULTS
+from experiments.atomic_files import refuse_existing_files, write_new_file
 from experiments.numbers import percent
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, check_reach, middle_of
-from experiments.recording.atomic_files import refuse_existing_files, write_new_file
-from experiments.recording.schema import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
+from experiments.recording import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
 from experiments.study.replay_motion import Recorded, has_start, read_recorded, recorded_hand, run_replay
 from experiments.trial.decisions import Decisions, decide_again
 from experiments.trial.encoder_sensing import AS_ON_THE_BENCH, decision_noise, new_sensing, sensed
@@ -250,7 +250,7 @@ def until(recording: Recording, path: PathAhead, way: float) -> Recording:
         return recording
     phase = recording.column("phase").copy()
     phase[move[np.argmax(progress >= way * path.length) + 1 :]] = recording.words["phase"].index("end")
-    return replace(recording, columns=recording.columns | {"phase": phase})
+    return replace(recording, columns={**recording.columns, "phase": phase})
 
 
 def progress_of(recording: Recording, path: PathAhead) -> np.ndarray:

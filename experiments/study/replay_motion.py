@@ -37,13 +37,13 @@ from core.tick_log import TICK_S
 from core.workspace import arm_pose
 from experiments.analysis.movement import check_samples
 from experiments.analysis.trials_table import TrialRow, row_of
+from experiments.atomic_files import reading_stored
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress
-from experiments.recording.atomic_files import reading_stored
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording
-from experiments.session.files import STORED, StoredSession, read_stored, refuse_trial
-from experiments.session.journal import journal_summary
+from experiments.recording import Recording
+from experiments.store.journal import journal_summary
+from experiments.store.reader import read_recording
+from experiments.store.stored import StoredSession, read_stored, refuse_trial
 from experiments.trial.trial import Conditions, SimulatedTrial
 
 HAND_ENDED = "hand ended"  # the recorded hand is over and the end of the path was not reached
@@ -68,8 +68,6 @@ def read_recorded(file: Path) -> Recorded:
     if not recording.whole:
         raise InputError(f"{file}: is not whole ({recording.faults})")
     session = file.resolve().parent.parent
-    if not (session / STORED).is_file():
-        raise InputError(f"{file}: the {STORED} of its session, which holds device and arm, is not at {session}")
     stored, row = read_stored(session), journal_summary(session).row(row_of(recording, session))
     refuse_trial(row, stored.protocol, str(file))
     move = np.flatnonzero(recording.in_phase("move"))

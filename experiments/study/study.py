@@ -4,7 +4,7 @@ import contextlib
 import shutil
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,25 +20,15 @@ from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import warnings, write_report
 from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import COUNTED, StudyData, Trials, without_value
+from experiments.atomic_files import is_wrong_path, make_empty_folder, new_folders
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
-from experiments.recording.atomic_files import is_wrong_path, make_empty_folder, new_folders
-from experiments.recording.writer import RecordingWriter
-from experiments.session.files import (
-    LOCK,
-    STORED,
-    STUDY,
-    StudyPlan,
-    hold_lock,
-    read_study,
-    refuse_other,
-    session_folder,
-    write_pooled_table,
-    write_study,
-)
-from experiments.session.journal import TRIAL_CUT_OFF
-from experiments.session.session import Participant, Session
+from experiments.store.files import LOCK, STUDY, hold_lock, is_half_created, session_folder, write_pooled_table
+from experiments.store.journal import TRIAL_CUT_OFF
+from experiments.store.session import Participant, Session
+from experiments.store.study_plan import StudyPlan, note_sessions, read_study, refuse_other, write_study
+from experiments.store.writer import RecordingWriter
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.jobs import going_on
 from experiments.study.unrecorded import errors_in, person_of, with_low_gain_found
@@ -135,7 +125,7 @@ class StudyRun:
         protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
         errors, others = None, []
         for operator in self.shared.operators(operators):
-            with contextlib.closing(self.session(f"{operator:02d}")) as session:
+            with self.session(f"{operator:02d}") as session:
                 if errors is None and session.next_planned():  # from here on the helpers have something to do
                     errors = workers.pool.submit(errors_in, self.out)
                     others = [workers.pool.submit(run_share, self.out, self.study) for _ in range(workers.processes)]
@@ -144,6 +134,7 @@ class StudyRun:
             done, failed = other.result()
             self.done.update(done)
             self.failed += failed
+        note_sessions(self.out)
         table = write_pooled_table(self.out)
         if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
             self.conclude(table, workers, errors or workers.pool.submit(errors_in, self.out))
@@ -173,14 +164,22 @@ class StudyRun:
             ],
         }
 
-    def session(self, label: str) -> Session:
+    @contextlib.contextmanager
+    def session(self, label: str) -> Iterator[Session]:
         """An operator's session: a new one, or the one that was begun."""
-        if (session_folder(self.out, label) / STORED).exists():
-            return Session.resume(self.out, label, sync=False)
         protocol, population = self.study.protocol, self.study.population
-        person = person_of(population, protocol.seed, participant_index(label))
-        who = Participant(label, operator=person, population=population.operators)
-        return Session(self.out, who, protocol, sync=False)
+        if not is_half_created(session_folder(self.out, label)):
+            session = Session.resume(self.out, label, sync=False)
+        else:
+            person = person_of(population, protocol.seed, participant_index(label))
+            who = Participant(label, operator=person, population=population.operators)
+            session = Session(self.out, who, protocol, sync=False)
+        try:
+            yield session
+        except BaseException:
+            session.abandon()
+            raise
+        session.close()
 
     def run_operator(self, session: Session) -> None:
         """Run the trials that an operator has still to do."""
@@ -248,7 +247,7 @@ def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[str]]:
     run = StudyRun(out, study, shared)
     try:
         for operator in shared.operators(study.operators):
-            with contextlib.closing(run.session(f"{operator:02d}")) as session:
+            with run.session(f"{operator:02d}") as session:
                 run.run_operator(session)
     except BaseException:
         shared.stop.set()

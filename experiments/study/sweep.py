@@ -22,11 +22,11 @@ from experiments.analysis.metrics import BY_NAME, FIGURES, METRICS, Metric
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import TrialRow, frame_bytes
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
+from experiments.atomic_files import write_new_files
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of, read_code
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
-from experiments.recording.atomic_files import write_new_files
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
 from experiments.study.sweep_results import SEED, draw_effects, effects, moves_most, rank_sentences, ranks, read_sweep
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of

@@ -26,8 +26,9 @@ from experiments.analysis.trials_table import TrialRow, ledger_of, measure
 from experiments.assumptions import NO_VIBRATION
 from experiments.plan import PlannedTrial, make_plan, participant_index
 from experiments.protocol import Protocol, middle_of_first, protocol_from_json, protocol_to_json
-from experiments.recording.schema import recording_of
-from experiments.session.files import read_stored, stored_person
+from experiments.recording import recording_of
+from experiments.store.files import sessions_in
+from experiments.store.stored import read_stored, stored_person
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Population
@@ -127,7 +128,7 @@ def errors_in(folder: Path) -> list[Moved]:
 
     InputError: the session cannot be read.
     """
-    for session in sorted(folder.glob("sub-*/ses-*")):
+    for session in sessions_in(folder).folders:
         stored = read_stored(session)
         if person := stored_person(session, stored):
             return simulation_errors(stored.protocol, person, stored.participant)

@@ -33,9 +33,9 @@ from experiments.analysis.findings import FAILS
 from experiments.analysis.own_measures import metrics_in
 from experiments.analysis.report import SIMULATED
 from experiments.analysis.trials_table import TrialRow, as_rows, as_table
-from experiments.session.files import STUDY
-from experiments.session.session import Session
-from tests.support.rows import read_rows, with_measures, write_rows
+from experiments.store.files import STUDY, rows_of, session_folder
+from experiments.store.session import Session
+from tests.support.rows import put_session, read_rows, with_measures
 
 
 def results_of(participant: str, seed: int) -> list[TrialRow]:
@@ -54,22 +54,17 @@ def results_of(participant: str, seed: int) -> list[TrialRow]:
     ]
 
 
-def table_of(data: Path, participant: str) -> Path:
-    return data / f"sub-{participant}" / "ses-01" / "trials.csv"
-
-
 def change(data: Path, participant: str, **what: TrialRow) -> None:
     """Rows of a table otherwise: run_3=the row."""
-    rows = read_rows(table_of(data, participant))
+    rows = rows_of(session_folder(data, participant))
     changed = {row.run: row for row in what.values()}
-    write_rows(table_of(data, participant), [changed.get(row.run, row) for row in rows], replacing=True)
+    put_session(data, participant, [changed.get(row.run, row) for row in rows])
 
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     for i, participant in enumerate(("01", "02", "03")):
-        table_of(tmp_path, participant).parent.mkdir(parents=True)
-        write_rows(table_of(tmp_path, participant), results_of(participant, i))
+        put_session(tmp_path, participant, results_of(participant, i))
     return tmp_path
 
 
@@ -115,19 +110,19 @@ def test_measures_of_ones_own_are_chosen_by_chips_and_go_into_the_export(qtbot, 
 
 
 def test_without_a_folder_it_shows_that_of_the_open_session_and_follows_it(qtbot, data: Path) -> None:
-    rows = read_rows(table_of(data, "02"))
-    write_rows(table_of(data, "02"), rows[:-1], replacing=True)
+    rows = rows_of(session_folder(data, "02"))
+    put_session(data, "02", rows[:-1])
     page = page_on(qtbot)
     page.show_opened(fake_client.opened("02", folder=str(data / "sub-02" / "ses-01")))
     page.begin()
     qtbot.waitUntil(lambda: len(shown_in(page)) == 179, timeout=60_000)
-    write_rows(table_of(data, "02"), rows, replacing=True)
+    put_session(data, "02", rows)
     page.show_snapshot(fake_client.ready(60))
     qtbot.waitUntil(lambda: len(shown_in(page)) == 180, timeout=60_000)
 
 
 def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path) -> None:
-    row = read_rows(table_of(data, "02"))[7]
+    row = rows_of(session_folder(data, "02"))[7]
     change(data, "02", row=replace(row, status="excluded"))
     page = page_on(qtbot, data)
     assert len(page.plots[0].points.points()) == 179 and page.statuses.chosen == {"done", "timeout"}
@@ -140,7 +135,7 @@ def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path)
 
 
 def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_asked(qtbot, data: Path) -> None:
-    row = read_rows(table_of(data, "01"))[3]
+    row = rows_of(session_folder(data, "01"))[3]
     change(data, "01", row=with_measures(replace(row, status="timeout"), path_error_m=0.065))
     page = page_on(qtbot, data)
     plot = page.plots[0]
@@ -180,8 +175,8 @@ def test_the_title_of_an_axis_stands_in_its_middle_and_the_scale_stays_when_it_h
 
 def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, data: Path) -> None:
     for who in ("01", "02", "03"):
-        rows = [replace(row, controller=f"K{row.controller}") for row in read_rows(table_of(data, who))]
-        write_rows(table_of(data, who), rows, replacing=True)
+        rows = [replace(row, controller=f"K{row.controller}") for row in rows_of(session_folder(data, who))]
+        put_session(data, who, rows)
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
     assert colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
@@ -212,8 +207,7 @@ def test_a_legend_names_each_controller_in_the_colour_of_its_points(qtbot, two_t
 def test_many_participants_are_chosen_below_one_button_that_stays_open_and_counts_them(qtbot, tmp_path: Path) -> None:
     for n in range(1, 25):
         who = f"{n:02d}"
-        table_of(tmp_path, who).parent.mkdir(parents=True)
-        write_rows(table_of(tmp_path, who), results_of(who, n)[:4])
+        put_session(tmp_path, who, results_of(who, n)[:4])
     page = page_on(qtbot, tmp_path)
     people = page.people
     assert people.menu.text().startswith("Participants: all of 24")

@@ -1,24 +1,27 @@
 """Blind sessions: nothing but the key tells a controller, and who opens it stands in the journal first."""
 
+import contextlib
 import json
 import shutil
+import sqlite3
 from dataclasses import replace
 
 import pytest
 from protocols import PAPER, short
-from sessions import Killed, crash_in_trial, files, killing, new_session, of, run_trials
+from sessions import Killed, crash_in_trial, files, kill, killing, new_session, of, run_trials
 
 from app.cli import main
 from core.control.controllers import ALGORITHMS
 from core.files import InputError
-from experiments.recording.reader import read_recording
-from experiments.session import session as sessions
-from experiments.session.blind import new_key, read_key
-from experiments.session.files import cell, read_stored, write_pooled_table
-from experiments.session.journal import KEY_OPENED, UNBLINDED, read_events
-from experiments.session.recover import recover
-from experiments.session.session import Participant, Session
-from experiments.session.verify import verify
+from experiments.store.blind import new_key
+from experiments.store.cells import cell
+from experiments.store.database import DATABASE
+from experiments.store.files import write_pooled_table
+from experiments.store.journal import KEY_OPENED, UNBLINDED, read_events
+from experiments.store.reader import read_recording
+from experiments.store.session import Participant, Session
+from experiments.store.stored import read_stored
+from experiments.store.verify import verify
 from experiments.study.analyze import analyze
 from tests.support.rows import read_rows
 
@@ -31,7 +34,7 @@ def coded(tmp_path_factory):
     data = tmp_path_factory.mktemp("blind") / "data"
     with pytest.MonkeyPatch.context() as patch:
         key = dict(zip(sorted(CODES), (3, 1, 5, 2, 4), strict=True))
-        patch.setattr("experiments.session.session.new_key", lambda controllers: key)
+        patch.setattr("experiments.store.session.new_key", lambda controllers: key)
         session = new_session(data, protocol=short(), blind=True)
     run_trials(session, 3)
     session.skip("late")
@@ -49,7 +52,7 @@ def data(coded, tmp_path):
 
 
 def key_of(data):
-    return read_key(of(data), read_stored(of(data)).about["key_sha256"])
+    return read_stored(of(data)).key
 
 
 def test_a_key_is_drawn_anew_each_time_and_names_every_controller_once():
@@ -61,8 +64,7 @@ def test_a_key_is_drawn_anew_each_time_and_names_every_controller_once():
 def test_nothing_but_the_key_tells_a_controller(data):
     key = key_of(data)
     assert set(key) == CODES and sorted(key.values()) == [1, 2, 3, 4, 5]
-    stored = json.loads((of(data) / "session.json").read_text())
-    assert {trial["controller"] for trial in stored["plan"]} == CODES
+    assert {trial.controller for trial in read_stored(of(data)).plan} == CODES
     for row in read_rows(of(data) / "trials.csv"):
         assert (
             row.controller in CODES and row.value("switches_per_s") is None and row.value("unreachable_share") is None
@@ -73,9 +75,9 @@ def test_nothing_but_the_key_tells_a_controller(data):
             assert row.value("path_error_m") is not None
     for entry in read_events(of(data)):
         assert entry.about.get("controller", "K1") in CODES and "key" not in entry.about
-    others = {name: text for name, text in files(data).items() if not name.endswith("key.json")}
-    salt = json.loads((of(data) / "key.json").read_text())["salt"]
-    assert not any(salt.encode() in text for text in others.values())
+    with contextlib.closing(sqlite3.connect(of(data) / DATABASE)) as db:
+        texts = str([db.execute(f"SELECT * FROM {table}").fetchall() for table in ("about", "plan", "event", "result")])
+    assert not any(f'"{code}": {number}' in texts for code, number in key.items())
 
 
 def test_a_trial_runs_with_the_controller_that_its_code_stands_for(data):
@@ -84,7 +86,6 @@ def test_a_trial_runs_with_the_controller_that_its_code_stands_for(data):
     assert session.blind and session.preset(planned) == PAPER.controllers[key[planned.controller]]
     trial, writer = session.begin(planned)
     assert list(ALGORITHMS)[trial.controller.algorithm] == session.preset(planned).kind
-    writer.abandon()
     session.close()
 
 
@@ -131,27 +132,15 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
 def test_a_crash_after_the_journal_line_still_unblinds_the_tables(data, monkeypatch):
     session = Session.resume(data, "01", sync=False)
     with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(sessions, "write_table", killing())
+        patch.setattr("experiments.store.files.write_session_table", killing())
         session.unblind("Dr Weiss")
-    session.close()
-    assert any("controller is K" in fault["fault"] for fault in verify(data)["faults"])
-    assert not recover(data)["faults"]
-    rows = read_rows(data / "trials.csv")
+    kill(session)
+    assert [fault["file"] for fault in verify(data)["faults"]] == ["sub-01/ses-01/trials.csv"]
+    Session.resume(data, "01", sync=False).close()
+    assert verify(data)["faults"] == []
+    rows = read_rows(of(data) / "trials.csv")
     assert all(isinstance(row.controller, int) for row in rows)
     assert all(row.value("switches_per_s") is not None for row in rows if row.recording)
-
-
-def test_a_session_without_its_key_does_not_go_on_and_verify_says_so(data):
-    path = of(data) / "key.json"
-    content = path.read_bytes()
-    path.unlink()
-    assert [fault["file"] for fault in verify(data)["faults"]] == ["sub-01/ses-01/key.json"]
-    with pytest.raises(InputError, match="key.json: cannot be read"):
-        Session.resume(data, "01", sync=False)
-    path.write_bytes(content.replace(b'"K1"', b'"K9"'))
-    assert "was changed" in verify(data)["faults"][0]["fault"]
-    path.write_bytes(content)
-    assert verify(data)["faults"] == []
 
 
 def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, concluded, tmp_path, capsys):
@@ -186,7 +175,7 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
 
 def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
     session = Session(tmp_path, Participant("01"), short(blind="true"), sync=False)
-    assert session.blind and (session.folder / "key.json").exists()
+    assert session.blind and len(read_stored(session.folder).key) == 5
     session.close()
     from protocols import PEOPLE
 

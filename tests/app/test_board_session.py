@@ -12,7 +12,7 @@ from simulated_loop import LocalWindow, local_window
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus, Setup
-from experiments.recording.reader import read_recording
+from experiments.store.reader import read_recording
 from hardware.emulated_board.device import HeldHand
 from hardware.wire.messages import State
 

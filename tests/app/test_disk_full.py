@@ -4,12 +4,13 @@ import os
 import subprocess
 
 import pytest
-from disks import fill_up
+from disks import Disk, full
 from protocols import short
 from sessions import files
 
 from app.cli import main
-from experiments.session.verify import verify
+from experiments.store.files import rows_of
+from experiments.store.verify import verify
 from tests.support.rows import read_rows
 
 
@@ -23,18 +24,21 @@ def begin(tmp_path):
 def assert_stopped_cleanly(folder, error):
     assert error.count("\n") == 1 and "no space left on device" in error and "--resume" in error
     session = folder / "sub-01" / "ses-01"
-    rows = read_rows(session / "trials.csv") if (session / "trials.csv").exists() else []
+    rows = rows_of(session)
     assert [row.status for row in rows] == ["done"] * len(rows)
     left = {fault["file"]: fault["fault"] for fault in verify(folder)["faults"]}
+    left = {name: fault for name, fault in left.items() if not name.endswith("trials.csv")}  # they are made again
     assert all(f"run-{len(rows) + 1:03d}" in f"{name} {fault}" for name, fault in left.items()), left
     return len(rows)
 
 
-@pytest.mark.parametrize("room", [3_000_000, 3_300_000, 3_600_000])
+@pytest.mark.parametrize("room", range(12, 19))
 def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(begin, tmp_path, monkeypatch, capsys, room):
+    """room: commits and files that it takes; a trial has about ten."""
     out = tmp_path / "study"
     with monkeypatch.context() as patch:
-        fill_up(patch, room)
+        disk = Disk(patch)
+        disk.refuses, disk.room = full, room
         assert main([*begin, "--out", str(out)]) == 1
     done = assert_stopped_cleanly(out, capsys.readouterr().err)
     assert done >= 1
@@ -43,7 +47,7 @@ def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(begin, tmp_p
     after = files(out)
     assert all(after[name] == content for name, content in before.items() if name.endswith(".parquet"))
     rows = read_rows(out / "trials.csv")
-    assert [row.status for row in rows].count("done") == 10 and len(rows) == 11
+    assert [row.status for row in rows].count("done") == 10 and len(rows) <= 11
     assert verify(out)["faults"] == []
 
 

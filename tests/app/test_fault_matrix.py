@@ -20,7 +20,7 @@ from simulated_bench import BenchWire, TcpWire
 from app.ipc.ring import CODE, Ring
 from core import tick_log
 from core.faults import FAULTS, advice, after, cause
-from experiments.session.verify import verify
+from experiments.store.verify import verify
 from hardware.emulated_board.line_faults import KINDS
 from hardware.sensing.samples import fault_words
 from hardware.wire import messages

@@ -22,7 +22,7 @@ from app.window.widgets.page import ANALYSE, RUN, TRY
 from app.window.widgets.parts import Segments
 from experiments.inputs import MOUSE, OPERATOR
 from experiments.protocol import PAPER, load_protocol, shipped_protocols
-from experiments.session.overview import DataOverview, SessionOverview
+from experiments.store.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
@@ -350,7 +350,7 @@ def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
 def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_path: Path, monkeypatch) -> None:
     inside = tmp_path / "other" / "sub-01" / "ses-01"
     inside.mkdir(parents=True)
-    (inside / "session.json").write_text("{}")
+    (inside / "session.db").write_bytes(b"x" * 9000)
     for chosen in (tmp_path / "other", inside):
         monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_, chosen=chosen: str(chosen))
         shown.page.data.browse()

@@ -1,6 +1,5 @@
 """Live sessions on the bench over the emulated board, with what a bad day does to them, and a sensor on the network."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +14,8 @@ from waiting import wait_until
 
 from app.ipc import messages as m
 from core import tick_log
-from experiments.recording.reader import read_recording
+from experiments.store.journal import ZEROED, read_events
+from experiments.store.reader import read_recording
 
 
 @pytest.fixture
@@ -95,8 +95,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
 
 def zeros(session: BoardSession) -> list[dict]:
     """What the journal says of them."""
-    journal = (session.folder / "journal.jsonl").read_text().splitlines()
-    return [event for event in map(json.loads, journal) if event["event"] == "zero taken"]
+    return [entry.about for entry in read_events(session.folder) if entry.event is ZEROED]
 
 
 def a_trial_as_it_should_be(session: BoardSession) -> None:
@@ -150,6 +149,8 @@ def test_a_sensor_on_the_network_is_zeroed_and_recorded_and_a_server_that_is_kil
             run, processes = session.begin(), window.processes()
             kill(window.client.pid)
             wait_until(lambda: all(map(gone, processes)))
-            assert (session.folder / "trials" / f"run-{run:03}.arrows").exists(), "what was recorded is there"
+            assert read_recording(session.folder / "trials" / f"run-{run:03}.parquet").rows, (
+                "what was recorded is there"
+            )
     finally:
         sensor.close()

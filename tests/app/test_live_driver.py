@@ -8,7 +8,7 @@ from own_files import PROTOCOL, own_experiment
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
-from experiments.session.journal import HOMED, ZEROED, read_journal
+from experiments.store.journal import HOMED, ZEROED, read_journal
 
 TEMPLATE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "own_device.py"
 #: begins at once where the handle is held, and goes on for half a second

@@ -18,7 +18,7 @@ from app.ipc.messages import Setup
 from app.window.widgets.page import ANALYSE, RUN
 from app.window.windows import Windows
 from experiments.inputs import OPERATOR
-from experiments.session.verify import verify
+from experiments.store.verify import verify
 from tests.support.rows import read_rows
 
 wait_until = partial(waiting.wait_until, pause=lambda: QTest.qWait(10))

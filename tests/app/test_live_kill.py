@@ -23,11 +23,11 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from app.session_server.server import take_folder
 from core import tick_log
-from experiments.recording.reader import read_recording
-from experiments.session.files import cell
-from experiments.session.journal import ENDED, WINDOW_LOST, read_events
-from experiments.session.session import Session
-from experiments.session.verify import verify
+from experiments.store.cells import cell
+from experiments.store.journal import ENDED, WINDOW_LOST, read_events
+from experiments.store.reader import read_recording
+from experiments.store.session import Session
+from experiments.store.verify import verify
 
 CURRENTS = slice(tick_log.CURRENT, tick_log.CURRENT + 4)
 

@@ -20,7 +20,7 @@ from app.ipc.ring import MOST_BEHIND_NS, Ring
 from app.session_server.lsl import MARKERS, TICKS, Outlets
 from core import tick_log
 from experiments.inputs import OPERATOR
-from experiments.session.journal import NOTE, now
+from experiments.store.journal import NOTE, now
 
 #: streams stay on this computer, whatever networks it has
 SETTINGS = "[log]\nlevel = -2\n[multicast]\nResolveScope = machine\n[lab]\nKnownPeers = {127.0.0.1}\n"

@@ -4,12 +4,13 @@ import pickle
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 from numba import typeof
-from waiting import LONG_S
+from waiting import LONG_S, wait_until
 
 from app.ipc.messages import CheckTiming, RunTrial, TimingChecked
 from app.ipc.ring import Ring
@@ -22,6 +23,9 @@ from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
+from experiments.store.database import Database
+from experiments.store.journal import NOTE, JournalWriter, read_events
+from experiments.store.writer import RecordingWriter, Written
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial
@@ -52,15 +56,11 @@ def answer_of(ring: Ring, process: LoopProcess):
 class Disk:
     """A recording's writer whose disk does what the test wants."""
 
-    path = Path("run-001.arrows")
-    rows_written = bytes_written = lost = 0
-    longest_sync_s = 0.0
+    name, written, is_full = "run-001", Written(0, 0), False
+    database = SimpleNamespace(pending=0, trouble=None, longest_sync_s=0.0)
 
     def __init__(self, error: OSError | None = None) -> None:
         self.error, self.free, self.rows = error, threading.Event(), []
-
-    def abandon(self) -> None:
-        """It is a disk that is full: nothing is closed."""
 
     def write(self, rows: np.ndarray) -> None:
         self.free.wait(LONG_S)
@@ -110,10 +110,10 @@ def test_a_full_disk_ends_no_trial_while_memory_takes_its_ticks_and_ends_it_when
     disk = Disk(OSError(28, "No space left on device"))
     disk.free.set()
     run = run_trial(loop, disk, new_one(), ticks=300)
-    assert run.trial.outcome()["reason"] == "enough" and "No space left" in str(run.recorder.trouble)
+    assert run.trial.outcome()["reason"] == "enough"
     disk = Disk()
     disk.free.set()
-    disk.lost = 1
+    disk.is_full = True
     run = run_trial(loop, disk, new_one())
     assert run.trial.outcome()["reason"] == "the recording failed: neither disk nor memory has room"
 
@@ -171,21 +171,15 @@ def test_a_trial_that_has_ended_stays_what_it_is_whatever_is_pressed_then(loop) 
     assert ring.control.stop == 1 and "start was not reached" in run.trial.outcome()["reason"]
 
 
-def test_a_line_for_the_journal_is_tried_also_where_the_recording_fails_and_after_the_end(tmp_path: Path) -> None:
-    ring = Ring(ticks=SMALL)
-    disk, tried = Disk(OSError(28, "No space left on device")), []
-    recorder = Recorder(ring, disk)
-
-    def fails() -> None:
-        tried.append("first")
-        raise OSError(28, "No space left on device")
-
-    recorder.write_between(fails)
-    recorder.write_between(lambda: tried.append("second"))
-    disk.free.set()
+def test_an_event_of_a_running_trial_is_on_the_disk_before_the_next_tick_is_due_there(tmp_path: Path) -> None:
+    database = Database(tmp_path, "1" * 32)
+    recorder = Recorder(Ring(ticks=SMALL), RecordingWriter(database, ("trials", 1), "A", {}))
+    JournalWriter(database).write(NOTE, text="the lamp flickers")
+    wait_until(lambda: not database.pending)
+    (entry,) = read_events(tmp_path)
+    assert entry.about == {"text": "the lamp flickers"}
     recorder.close()
-    recorder.write_between(lambda: tried.append("third"))
-    assert tried == ["first", "second", "third"] and "No space left" in str(recorder.trouble)
+    database.close()
 
 
 def test_a_trial_that_a_person_forgets_ends_by_itself_and_says_why() -> None:

@@ -77,7 +77,7 @@ def test_proof_of_recording_grows_while_a_trial_runs(window: Window) -> None:
     began = time.perf_counter()
     window.until_stage(m.READY)
     window.client.send(m.Start())
-    name = f"run-{window.until_stage(m.RUNNING).running.run:03d}.arrows"
+    name = f"run-{window.until_stage(m.RUNNING).running.run:03d}"
     assert window.pulse.proof and window.pulse.proof.name == name, "no later than the trial itself"
     window.until(lambda s: window.pulse and (proof := window.pulse.proof) and proof.name == name and proof.rows > 0)
     first = window.pulse.proof

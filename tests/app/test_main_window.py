@@ -41,7 +41,7 @@ from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY, Checkl
 from app.window.widgets.work import VerbProcess
 from core import tick_log
 from core.files import InputError
-from experiments.session.overview import DataOverview, SessionOverview
+from experiments.store.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 
@@ -132,7 +132,7 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
         field.changed.emit(value)
     assert kept == {memory.DARK_OR_LIGHT: "light", memory.SOUND: memory.OFF, memory.SIZE: "1.0"}
     for entry, says in zip(
-        main.help.menu().actions(), ("start the next trial", "one brake at a time", "session.json", "Reed"), strict=True
+        main.help.menu().actions(), ("start the next trial", "one brake at a time", "session.db", "Reed"), strict=True
     ):
         entry.trigger()
         settle(main)
@@ -337,9 +337,9 @@ def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
 
 
 def test_proof_of_recording_is_readable(screens: Screens) -> None:
-    screens.hear(opened(), running(22), pulse("run-023.arrows"))
+    screens.hear(opened(), running(22), pulse("run-023"))
     said = screens.main.footer.recording.text()
-    assert all(part in said for part in ("run-023.arrows", "18\u202f412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
+    assert all(part in said for part in ("run-023", "18\u202f412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
     origin = screens.main.footer.origin.text()
     assert "seed 1" in origin and opened().plan_sha256[:4] in origin
 
@@ -465,34 +465,6 @@ def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
 
 UNDONE = "/data is gone. Bring it back. All its 812 ticks are in memory. It is tried again every 5 s"
 STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
-
-
-def test_a_session_that_its_folder_does_not_take_is_brought_to_another_by_a_button(screens, monkeypatch) -> None:
-    screens.hear(opened(), ready(3))
-    assert not screens.run.panel.elsewhere.isVisible()
-    screens.hear(running(3, not_written=UNDONE, checks=STUCK))
-    assert not screens.run.panel.elsewhere.isVisible()  # the trial goes on
-    screens.hear(ready(3, not_written=UNDONE, in_memory="run 4", checks=STUCK, notice=f"{UNDONE}.", notice_bad=True))
-    assert screens.run.panel.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
-    said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
-    assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
-    answers = ["", "/elsewhere"]
-    monkeypatch.setattr("app.window.run.run_page.QFileDialog.getExistingDirectory", lambda *_: answers.pop(0))
-    sent = len(screens.client.sent)
-    for _ in range(2):
-        QTest.mouseClick(screens.run.panel.elsewhere, Qt.MouseButton.LeftButton)
-    assert screens.client.sent[sent:] == [m.MoveTo("/elsewhere")]
-
-
-def test_a_session_that_was_brought_to_another_folder_is_gone_on_with_there_once(qapp) -> None:
-    console, asked = MainWindow(FakeClient()), []
-    console.restart_asked.connect(lambda *how: asked.append(how))
-    for _ in range(2):
-        console.show_snapshot(before(moved=("/elsewhere", "07"), notice="1 recording stayed.", notice_bad=True))
-    ((setup, then),) = asked
-    assert setup.data_dir == Path("/elsewhere") and then == m.Open("07", resume=True)
-    assert console.cards.question is not None and "stayed." in console.cards.question.text.text()
-    console.close()
 
 
 def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: Screens) -> None:
@@ -680,3 +652,11 @@ def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> N
     screens.main.show_settings()
     said = screens.main.cards.question.text.text().replace("\u200b", "")
     assert said == f"What you choose is forgotten when you close the window: {path} cannot be written to."
+
+
+def test_what_is_in_memory_alone_is_said_once_and_no_trial_starts(screens: Screens) -> None:
+    screens.hear(opened(), ready(3, not_written=UNDONE, in_memory="run 4", checks=STUCK, notice=f"{UNDONE}.",
+                                 notice_bad=True))  # fmt: skip
+    assert screens.run.panel.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
+    said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
+    assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()

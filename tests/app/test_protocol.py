@@ -16,7 +16,7 @@ from core.files import InputError
 from core.path import Arc, Polyline, Segment
 from experiments.plan import break_after, grouped, make_plan, plan_summary, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
-from experiments.session.session import Participant, Session
+from experiments.store.session import Participant, Session
 
 
 def test_the_papers_protocol_is_the_experiment_of_section_v():
@@ -102,14 +102,14 @@ def test_a_protocol_comes_back_from_what_is_stored_of_it_without_its_files(tmp_p
     stored = protocol_to_json(protocol)
     device.unlink()
     (tmp_path / "gauges.csv").unlink()
-    back = protocol_from_json(stored, "session.json")
+    back = protocol_from_json(stored, "session.db")
     assert {**asdict(back), "devices": ()} == {**asdict(protocol), "devices": ()}
     assert [d.text for d in back.devices] == [text]
     assert np.array_equal(back.devices[0].calibration, gauges)
     without = json.loads(json.dumps(stored))
     del without["devices"][0]["calibration"]
-    with pytest.raises(InputError, match="session.json: devices.mine.*gauges.csv is missing"):
-        protocol_from_json(without, "session.json")
+    with pytest.raises(InputError, match="session.db: devices.mine.*gauges.csv is missing"):
+        protocol_from_json(without, "session.db")
     assert make_plan(back, "01") == make_plan(protocol, "01")
 
 
@@ -284,7 +284,7 @@ def test_a_study_runs_a_protocol_of_curves_and_does_not_test_the_papers_statemen
 def test_times_and_radii_of_a_protocol_are_those_of_its_trials(tmp_path):
     from sessions import new_session, run_trials
 
-    from experiments.recording.reader import read_recording
+    from experiments.store.reader import read_recording
 
     text = short(paths=1).text.replace("hold_s = 0.5", "hold_s = 0.25").replace("end_s = 0.3 ", "end_s = 0.1 ")
     session = new_session(tmp_path, protocol=protocol_of(text))

@@ -22,12 +22,12 @@ from app.session_server.session_progress import SessionProgress
 from core.files import InputError
 from experiments.inputs import OPERATOR
 from experiments.protocol import MOST_TRIALS
-from experiments.session import files as files_module
-from experiments.session.blind import KEY
-from experiments.session.files import other_protocol, refuse_existing
-from experiments.session.journal import NAME as JOURNAL
-from experiments.session.journal import unmeasured_row
-from experiments.session.session import Participant, Session
+from experiments.store import files as files_module
+from experiments.store.database import DATABASE
+from experiments.store.files import refuse_existing
+from experiments.store.journal import unmeasured_row
+from experiments.store.session import Participant, Session
+from experiments.store.stored import other_protocol, read_stored
 from experiments.trial.population import load_population
 
 NAMED = changed(PAPER.text, participants='["07", "08"]', devices='["four-brake"]')
@@ -104,7 +104,7 @@ def test_before_a_session_it_is_known_whether_it_is_blind(tmp_path: Path, hand: 
         assert bench.opened is not None and bench.opened.blind == (hand != OPERATOR)
         snapshot = bench.open("02", blind=True)  # though it was asked for
         assert snapshot.blind == (hand != OPERATOR) and snapshot.notice.startswith("Participant 02: 60 trials to run.")
-        assert bool(list(data.rglob(KEY))) == (hand != OPERATOR)
+        assert bool(read_stored(next(data.rglob("ses-01"))).key) == (hand != OPERATOR)
 
 
 def test_a_folder_in_which_every_participant_has_a_session_can_still_be_opened(tmp_path: Path) -> None:
@@ -131,20 +131,20 @@ def refuse(setup: Setup) -> str:
     return refusal_of(refusal.value, setup.data_dir)
 
 
-@pytest.mark.parametrize("there", ["", "data", "data/notes.txt", "data/sub-07/ses-01/session.json"])
+@pytest.mark.parametrize("there", ["", "data", "data/notes.txt", "data/sub-07/ses-01/session.db"])
 def test_a_refused_bench_leaves_nothing_behind(tmp_path: Path, there: str) -> None:
     (tmp_path / "bad.toml").write_text(BAD_PROTOCOL)
     place = tmp_path / there
     if place.suffix:
         place.parent.mkdir(parents=True)
-        place.write_text("{}")
+        place.write_text("{}" * 9000)
     elif there:
         place.mkdir()
     before = everything(tmp_path)
     data = tmp_path / ("data" if there else "not/yet/data")
     assert "bad.toml: name must be text" in refuse(Setup(data, str(tmp_path / "bad.toml")))
-    if place.name == "session.json":
-        assert "session.json" in refuse(Setup(data, participant="07")), "a session that is damaged"
+    if place.name == "session.db":
+        assert "session.db" in refuse(Setup(data, participant="07")), "a session that is damaged"
     assert everything(tmp_path) == before
 
 
@@ -164,11 +164,11 @@ def test_a_folder_that_another_window_uses_is_refused_and_left_to_it(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    "step", ["session.write_key", "session.write_new_file", "files.hold_lock", "journal.write_event"]
+    "step", ["session.new_key", "session.put_session", "files.hold_lock", "database.Database.commit"]
 )
 def test_a_session_that_the_disk_does_not_take_leaves_no_trace_and_can_be_begun_later(tmp_path, monkeypatch, step):
     with monkeypatch.context() as patch:
-        patch.setattr(f"experiments.session.{step}", full)
+        patch.setattr(f"experiments.store.{step}", full)
         with pytest.raises(OSError, match="No space left"):
             new_session(tmp_path, blind=True)
     assert everything(tmp_path) == set()
@@ -189,7 +189,7 @@ def test_a_session_that_another_process_begins_meanwhile_is_not_touched(tmp_path
     monkeypatch.setattr(files_module, "refuse_existing", lambda *a: seen and refuse_existing(*a) or seen.append(1))
     with pytest.raises(InputError, match="exists already"):
         new_session(tmp_path)
-    assert files(tmp_path) == before and (tmp_path / "sub-01" / "ses-01" / JOURNAL).exists()
+    assert files(tmp_path) == before and (tmp_path / "sub-01" / "ses-01" / DATABASE).exists()
 
 
 def test_a_session_by_another_protocol_than_the_one_before_is_noticed(tmp_path):
@@ -198,7 +198,7 @@ def test_a_session_by_another_protocol_than_the_one_before_is_noticed(tmp_path):
     assert other_protocol(tmp_path, "02", short()) == ""
     assert other_protocol(tmp_path, "02", PAPER) == "01"
     (tmp_path / "sub-03" / "ses-01").mkdir(parents=True)
-    (tmp_path / "sub-03" / "ses-01" / "session.json").write_text("{")
+    (tmp_path / "sub-03" / "ses-01" / "session.db").write_text("{")
     assert other_protocol(tmp_path, "02", PAPER) == "01"
 
 

@@ -13,7 +13,7 @@ from app.window.run.actions import possible
 from app.window.widgets.keys import KEYS
 from app.window.widgets.parts import KeyButton
 from experiments.analysis.trials_table import STATUSES
-from experiments.session.journal import MARKS
+from experiments.store.journal import MARKS
 
 ALT = Qt.KeyboardModifier.AltModifier
 STATES = {
@@ -42,7 +42,7 @@ def test_whatever_is_possible_is_a_command_that_the_server_takes_then() -> None:
             can = possible(snapshot, on_card, waiting=False)
             for offered, command in (
                 (can.start, m.Start), (can.pause, m.Pause), (can.skip, m.Skip), (can.redo, m.Redo),
-                (can.exclude, m.Exclude), (can.leave, m.Leave), (can.move, m.MoveTo),
+                (can.exclude, m.Exclude), (can.leave, m.Leave),
             ):  # fmt: skip
                 rule = COMMANDS[command]
                 if offered:

@@ -61,7 +61,6 @@ class Exit(Case):
 
     def keep(self) -> None:
         self.run.recorder.close()
-        self.run.recorder.writer.abandon()
         self.bench.pass_time(2)
 
 

@@ -22,8 +22,7 @@ from app.session_server.server import refusal_of
 from app.window.widgets.work import BackgroundTask
 from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
-from experiments.recording.reader import read_recording
-from experiments.session.files import LOCK, TRIALS, hold_lock
+from experiments.store.files import LOCK, hold_lock
 from experiments.study.study import run_study
 from tests.support.rows import read_rows
 
@@ -343,14 +342,12 @@ def test_a_folder_in_which_another_user_records_is_in_use_and_one_that_is_left_n
     denied = PermissionError(13, "Permission denied", str(tmp_path / LOCK))
     assert refusal_of(denied, tmp_path) == f"{tmp_path}: cannot be written to (permission denied)"
     lock = hold_lock(tmp_path)
-    (tmp_path / TRIALS).mkdir()  # as a session has
     (tmp_path / LOCK).chmod(0o444)  # as it is to others
-    done = as_anybody("recover", str(tmp_path))
+    done = as_anybody("study", "--out", str(tmp_path), "--operators", "1")
     lock.release()
     assert done.returncode == 2 and done.stderr.startswith(f"phd: {tmp_path}: another PHD window or study is using")
     (tmp_path / LOCK).touch(0o444)
     assert refusal_of(denied, tmp_path) == f"{tmp_path}/.lock: cannot be written to (permission denied)"
-    assert as_anybody("recover", str(tmp_path)).stderr == f"phd: {tmp_path}/.lock: permission denied\n"
 
 
 def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):
@@ -373,8 +370,8 @@ def test_a_user_without_a_home_is_told_to_name_one(tmp_path):
 
 
 @posix
-@pytest.mark.parametrize("name", ["trials.csv", "run-001.parquet", "run-001.arrows"])
+@pytest.mark.parametrize("name", ["trials.csv"])
 def test_a_link_to_a_device_is_not_read(tmp_path, name):
     (file := tmp_path / name).symlink_to("/dev/zero")
     with pytest.raises(InputError, match="is no regular file"):
-        (read_rows if name == "trials.csv" else read_recording)(file)
+        read_rows(file)

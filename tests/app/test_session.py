@@ -5,17 +5,18 @@ from dataclasses import replace
 
 import pytest
 from protocols import protocol_of, short
-from sessions import Killed, killing, move_to_the_end, new_session, of, run, run_trials, unfinished
+from sessions import Killed, kill, killing, move_to_the_end, new_session, of, run, run_trials, unfinished
 
 from app.cli import main
 from core.files import InputError
-from experiments.recording.reader import read_recording
-from experiments.session import session as sessions
-from experiments.session.files import cell, free_participant, rows_of, write_pooled_table
-from experiments.session.journal import EXCLUDED, NOTE, read_events
-from experiments.session.recover import recover
-from experiments.session.session import Participant, Session
-from experiments.session.verify import verify
+from experiments.store import files
+from experiments.store.cells import cell
+from experiments.store.database import Database
+from experiments.store.files import free_participant, rows_of, write_pooled_table
+from experiments.store.journal import EXCLUDED, NOTE, read_events
+from experiments.store.reader import read_recording
+from experiments.store.session import Participant, Session
+from experiments.store.verify import verify
 from experiments.study.analyze import analyze
 from tests.support.rows import read_rows
 
@@ -101,8 +102,6 @@ def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_record
             session.exclude(number, reason)
     session.close()
     assert verify(tmp_path)["faults"] == []
-    (session.folder / "trials.csv").unlink()  # what the table held, the journal gives again
-    assert recover(tmp_path)["faults"] == [] and rows_of(session.folder)[1].status == "excluded"
     session = Session.resume(tmp_path, "01", sync=False)
     assert session.redo(2, "after all").status == "redone"
     session.close()
@@ -142,45 +141,6 @@ def test_verify_finds_no_fault_in_it_and_analyze_gives_the_same_table(data, tmp_
     again, table = read_rows(tmp_path / "out" / "trials.csv"), read_rows(data / "trials.csv")
     assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
     assert [row.status for row in table] == ["done", "skipped", "redone", "done", "done"]
-
-
-def test_a_lost_table_is_made_again_from_recordings_and_journal(data):
-    right, pooled = rows_of(of(data)), (data / "trials.csv").read_bytes()
-    (of(data) / "trials.csv").unlink()
-    assert not recover(data)["faults"]
-    assert rows_of(of(data)) == sorted(right, key=lambda row: row.run)
-    assert (data / "trials.csv").read_bytes() == pooled
-
-
-@pytest.mark.parametrize("step", ["append_row", "write_table"])
-@pytest.mark.parametrize("when", ["before", "after"])
-def test_a_crash_between_journal_and_table_is_recovered_from(data, monkeypatch, step, when):
-    session = Session.resume(data, "01", sync=False)
-    kill = killing(getattr(sessions, step) if when == "after" else None)
-    with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(sessions, step, kill)
-        session.skip("gone") if step == "append_row" else session.redo(4, "gone")
-    session.close()
-    assert [fault["file"] for fault in verify(data)["faults"]] != [] or when == "after"
-    session = Session.resume(data, "01", sync=False)
-    wanted = (5, "skipped") if step == "append_row" else (4, "redone")
-    assert wanted in statuses(session)
-    session.close()
-    recover(data)
-    assert verify(data)["faults"] == []
-
-
-def test_a_table_that_hides_a_redo_or_makes_up_a_skip_is_named(data):
-    table = of(data) / "trials.csv"
-    right = table.read_text()
-    table.write_text(right.replace(",redone,", ",done,"))
-    assert any("run 3: status is done" in fault["fault"] for fault in verify(data)["faults"])
-    table.write_text(right.replace(",done,", ",redone,", 1))
-    assert any("run 1: status is redone, its recording gives done" in f["fault"] for f in verify(data)["faults"])
-    journal = of(data) / "journal.jsonl"
-    journal.write_text("".join(line for line in journal.open() if '"skipped"' not in line))
-    table.write_text(right)
-    assert any("run 2: is skipped without a recording" in fault["fault"] for fault in verify(data)["faults"])
 
 
 def practising(tmp_path, **values):
@@ -225,9 +185,8 @@ def test_a_practice_trial_that_a_crash_cut_off_is_recovered_and_practised_again(
     session = practising(tmp_path)
     trial, writer = session.begin(session.next_planned())
     run(trial, writer, 1000)
-    writer.abandon()
-    session.close()
-    assert any("practice/run-001.arrows" in fault["file"] for fault in verify(tmp_path)["faults"])
+    kill(session)
+    assert any("practice/run-001.parquet" in fault["file"] for fault in verify(tmp_path)["faults"])
     session = Session.resume(tmp_path, "01", sync=False)
     assert read_recording(session.folder / "practice" / "run-001.parquet").rows == 1000
     planned = session.next_planned()
@@ -274,3 +233,21 @@ def test_a_session_is_for_one_of_the_protocols_participants(tmp_path):
     Session(tmp_path, Participant("berta"), protocol, sync=False).close()
     with pytest.raises(InputError, match="every participant"):
         free_participant(tmp_path, protocol.participants)
+
+
+@pytest.mark.parametrize("step", ["commit", "write_session_table"])
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("what", ["skip", "redo"])
+def test_a_decision_is_there_whole_or_not_at_all_after_a_crash(data, monkeypatch, step, when, what):
+    session = Session.resume(data, "01", sync=False)
+    place = Database if step == "commit" else files
+    death = killing(getattr(place, step) if when == "after" else None)
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(place, step, death)
+        session.skip("gone") if what == "skip" else session.redo(4, "gone")
+    kill(session)
+    session = Session.resume(data, "01", sync=False)
+    wanted = (5, "skipped") if what == "skip" else (4, "redone")
+    assert (wanted in statuses(session)) == ((step, when) != ("commit", "before"))
+    session.close()
+    assert {fault["file"] for fault in verify(data)["faults"]} == set()

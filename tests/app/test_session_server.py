@@ -14,8 +14,8 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
 from experiments.analysis.trials_table import FINISHED
-from experiments.session.files import cell
-from experiments.session.session import Participant, Session
+from experiments.store.cells import cell
+from experiments.store.session import Participant, Session
 from tests.support.rows import read_rows
 
 
@@ -42,8 +42,8 @@ def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     assert kept.whole and kept.outcome["reason"] == "the participant asked"
     assert kept.text("phase")[-1] == "end"
     assert snapshot.coming.run == run + 1
-    pooled = read_rows(Path(window.opened.folder).parent.parent / "trials.csv")
-    assert [(r.run, r.status) for r in pooled] == [(r.run, r.status) for r in snapshot.rows]
+    table = read_rows(Path(window.opened.folder) / "trials.csv")
+    assert [(r.run, r.status) for r in table] == [(r.run, r.status) for r in snapshot.rows]
 
 
 @pytest.mark.parametrize("again", ["now", "end"])
@@ -179,7 +179,7 @@ def test_a_session_is_not_left_in_mid_trial_and_what_it_recorded_stays(tmp_path:
 
 
 def test_a_studys_folder_takes_no_other_session(tmp_path: Path) -> None:
-    (tmp_path / "study.json").write_text('{"operators": 2}')
+    (tmp_path / "study.db").touch()
     with local_window(Setup(tmp_path, sync=False)) as seen:
         seen.until_stage(m.NO_SESSION)
         seen.client.send(m.Open("03"))

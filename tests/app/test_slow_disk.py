@@ -8,9 +8,11 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from disks import full
-from sessions import new_session, run
+from protocols import PAPER, PEOPLE
+from sessions import run
 from simulated_loop import LocalWindow, local_window
 from waiting import wait_until
 
@@ -22,6 +24,8 @@ from app.session_server.preflight import SYNCS_TO_END, SYNCS_TO_START, DiskWatch
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from experiments.inputs import OPERATOR
+from experiments.store.database import Database
+from experiments.store.session import Participant, Session
 
 
 class Clock:
@@ -39,9 +43,9 @@ class Clock:
 @pytest.mark.parametrize(
     ("sync_s", "state", "says"),
     [
-        (0.003, GOOD, ""), (0.3, CAUTION, "waits about 0.9 s for its start and 2.4 s after its end"),
-        (1.0, CAUTION, "waits about 3.0 s for its start and 8.0 s after its end"),
-        (5.0, BAD, "waits about 15 s for its start and 40 s after its end"),
+        (0.003, GOOD, ""), (0.3, CAUTION, "waits about 0.3 s for its start and 1.8 s after its end"),
+        (1.0, CAUTION, "waits about 1.0 s for its start and 6.0 s after its end"),
+        (5.0, BAD, "waits about 5.0 s for its start and 30 s after its end"),
     ],
 )  # fmt: skip
 def test_the_disk_is_measured_as_a_session_waits_for_it_and_what_that_means_is_said(tmp_path, sync_s, state, says):
@@ -56,12 +60,14 @@ def test_the_disk_is_measured_as_a_session_waits_for_it_and_what_that_means_is_s
 
 
 def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = new_session(tmp_path / "data")
-    session._sync = True
-    storage = Storage(session.data_dir, SimpleNamespace(run=None), lambda *_, **__: None)
+    session = Session(tmp_path / "data", Participant("01", operator=PEOPLE.draw(np.random.default_rng(3))), PAPER)
+    storage = Storage(SimpleNamespace(run=None), lambda *_, **__: None)
     storage.set_session(SessionProgress(session))
-    syncs: list[int] = []
+    syncs: list[object] = []
     monkeypatch.setattr(os, "fsync", syncs.append)
+    commit = Database.commit
+    monkeypatch.setattr(Database, "commit", lambda self: (syncs.append(self) if self.pending else None, commit(self)))
+    (session.folder / "trials").mkdir()
     trial, writer = session.begin(session.next_planned())
     assert len(syncs) == SYNCS_TO_START
     run(trial, writer, piece=10**6)
@@ -155,7 +161,7 @@ def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(sl
 
 def test_a_wait_that_ends_in_a_refusal_is_past_too(slow: LocalWindow, monkeypatch: pytest.MonkeyPatch) -> None:
     slow.open()
-    monkeypatch.setattr("experiments.session.journal.write_event", full)
+    monkeypatch.setattr("experiments.store.database.Database.commit", full)
     slow.client.send(m.Note("never"))
     slow.look()
     assert "No space left" in slow.snapshot.notice and "Waiting" not in slow.snapshot.trial_blocker

@@ -11,7 +11,7 @@ from app.session_server.preflight import check_real, check_sensor
 from app.window.home.start import Loaded, Wanted, session_blocker, standing_of, start_blockers, start_text
 from app.window.widgets.preflight import advice
 from core.files import InputError
-from experiments.session.overview import SessionOverview
+from experiments.store.overview import SessionOverview
 
 LOADED = Loaded(paper(), "", 60, "01")
 WANTED = Wanted("01", None, LOADED, 0, [])
@@ -31,7 +31,7 @@ ONLY_TWO = Loaded(paper(participants=("A", "B")), "", 60, "A")
         ({"loaded": ONLY_TWO}, "The protocol's participants are A, B."),
         ({"form_problems": ["Fill in age."]}, "Fill in age."),
         ({"operators": 2}, "This folder holds a study of 2 simulated operators"),
-        ({"found": BEGUN._replace(problem="session.json cannot be read")}, "session.json cannot be read"),
+        ({"found": BEGUN._replace(problem="session.db cannot be read")}, "session.db cannot be read"),
     ),
 )
 def test_each_reason_is_a_sentence_of_its_own_and_stands_before_what_the_checks_say(changes, sentence) -> None:

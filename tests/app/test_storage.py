@@ -3,18 +3,18 @@ was cut short without anybody's decision comes again.
 """
 
 import contextlib
-import os
+import time
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from disks import full, locked
+from disks import Disk, full, locked
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
-from app.ipc.messages import BAD, BREAK, CAUTION, READY
+from app.ipc.messages import BAD, BREAK, READY
 from app.session_server import session_progress as progress_module
 from app.session_server import storage as storage_module
 from app.session_server.device_setup import SimulatedSetup
@@ -22,15 +22,13 @@ from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import stage_of
 from app.session_server.storage import Storage
-from app.session_server.trial_runner import TrialRun
 from experiments.inputs import MOUSE
-from experiments.recording.reader import read_recording
-from experiments.session import journal
-from experiments.session.files import cell, rows_of
-from experiments.session.journal import ANSWERS, BREAK_ENDED, NOTE, read_events
-from experiments.session.recover import recover
-from experiments.session.session import Session
-from experiments.session.verify import verify
+from experiments.store.cells import cell
+from experiments.store.files import rows_of
+from experiments.store.journal import ANSWERS, BREAK_ENDED, CLOCK_JUMPED, ENDED, NOTE, read_events
+from experiments.store.reader import read_recording
+from experiments.store.session import Session
+from experiments.store.verify import verify
 
 MOUSE_HELD = SimulatedSetup(None, MOUSE)
 
@@ -44,31 +42,36 @@ class Idle:
 class Ended:
     """A trial of a session that has come to its end."""
 
-    unsaved = TrialRun.unsaved
-
-    def __init__(self, session: Session, ticks: int = 10**9) -> None:
+    def __init__(self, session: Session, ticks: int = 10**9, full_disk: Disk | None = None) -> None:
+        """full_disk: it is full from its first tick on."""
         self.planned = session.next_planned()
         self.trial, self.writer = session.begin(self.planned)
-        self.recorder = SimpleNamespace(writer=self.writer, trouble=None)
-        run(self.trial, self.writer, ticks)
+        self.recorder = SimpleNamespace(writer=self.writer)
+        if full_disk is not None:
+            full_disk.refuses = full
+        while not self.trial.finished and self.trial.ticks < ticks:
+            with contextlib.suppress(OSError):
+                run(self.trial, self.writer, self.trial.ticks + 1)
         self.name, self.cut_short, self.again = f"Run {self.planned.run}", True, "never"
         if not self.trial.finished:
             self.trial.abort("the lamp fell down")
-            run(self.trial, self.writer)
-
-    def abandon_recording(self) -> None:
-        with contextlib.suppress(OSError):
-            self.writer.abandon()
+            with contextlib.suppress(OSError):
+                run(self.trial, self.writer)
 
     def finish(self, session: Session):
-        return session.finish(self.trial, self.writer, self.cut_short, accept_stream=True)
+        return session.finish(self.trial, self.writer, self.cut_short)
 
 
 @pytest.fixture
-def session(tmp_path: Path) -> Iterator[Session]:
+def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
+    return Disk(monkeypatch)
+
+
+@pytest.fixture
+def session(tmp_path: Path, disk: Disk) -> Iterator[Session]:
     session = new_session(tmp_path / "data", protocol=short())
     yield session
-    session.close()
+    session.end()
 
 
 @pytest.fixture
@@ -79,7 +82,7 @@ def said() -> list[tuple[str, bool]]:
 @pytest.fixture
 def storage(session: Session, said, monkeypatch: pytest.MonkeyPatch) -> Storage:
     monkeypatch.setattr(storage_module, "RETRY_S", 0.0)
-    storage = Storage(session.data_dir, Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
+    storage = Storage(Idle(), lambda sentence, bad=False: said.append((sentence, bad)))
     storage.set_session(SessionProgress(session))
     return storage
 
@@ -91,124 +94,115 @@ def in_order(session: Session) -> None:
     assert verify(session.data_dir)["faults"] == []
 
 
-def test_a_stream_that_does_not_become_parquet_is_the_recording_until_it_does(storage, session, said, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr("experiments.recording.writer.written_beside", full)
-        storage.store_trial(Ended(session))
-        assert [(row.status, row.recording) for row in session.rows] == [("done", "trials/run-001.arrows")]
-        assert not storage.not_written and storage.streams == 1 and "its stream is whole" in said[-1][0]
-        assert check_recording("", storage.not_written, storage.verified, storage.streams).state == CAUTION
-        assert storage.progress.coming == session.plan[1]  # the session goes on
-        storage.retry()
-        assert storage.streams == 1
-    kept = read_recording(session.folder / "trials" / "run-001.arrows")
-    storage.retry()
-    assert storage.streams == 0 and [row.recording for row in session.rows] == ["trials/run-001.parquet"]
-    assert read_recording(session.folder / "trials" / "run-001.parquet").rows == kept.rows
-    assert not storage.not_written and check_recording("", storage.not_written, "", storage.streams).state not in (
-        BAD,
-        CAUTION,
-    )
-    in_order(session)
-
-
-def test_lines_that_the_disk_did_not_take_are_written_before_a_session_is_left(storage, session, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr("experiments.session.journal.write_event", full)
-        storage.write(ANSWERS, configuration="three-brake", block=1, values={"effort": 70})
-        with pytest.raises(OSError, match="No space left"):
-            storage.leave()
-        assert storage.progress is not None
+def test_events_that_the_disk_did_not_take_are_written_before_a_session_is_left(storage, session, disk):
+    disk.refuses = full
+    storage.write(ANSWERS, configuration="three-brake", block=1, values={"effort": 70})
+    assert storage.in_memory == "1 line of the journal"
+    with pytest.raises(OSError, match="No space left"):
+        storage.leave()
+    assert storage.progress is not None
+    disk.refuses = None
     storage.leave()
     assert storage.progress is None
     (said,) = (entry for entry in read_events(session.folder) if entry.event is ANSWERS)
     assert said.about["values"] == {"effort": 70}
 
 
-def test_lines_that_the_disk_never_takes_are_in_the_log(storage, session, monkeypatch, capsys):
-    monkeypatch.setattr("experiments.session.journal.write_event", full)
-    storage.write(NOTE, text="the lamp flickers")
-    storage.close_session()
-    assert storage.progress is None and "the lamp flickers" in capsys.readouterr().err
-
-
-def test_what_was_left_as_a_stream_is_converted_by_recover(storage, session, monkeypatch):
-    monkeypatch.setattr("experiments.recording.writer.written_beside", full)
-    storage.store_trial(Ended(session))
-    session.close()
-    monkeypatch.undo()
-    assert recover(session.data_dir)["faults"] == []
-    assert [row.recording for row in rows_of(session.folder)] == ["trials/run-001.parquet"]
-
-
-@pytest.mark.parametrize(("refuses", "why"), [(full, "no space left"), (locked, "operation not permitted")])
-def test_a_table_that_the_disk_does_not_take_stops_the_next_trial_until_it_does(
-    storage, session, said, monkeypatch, refuses, why
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_what_the_disk_never_takes_is_put_elsewhere_and_taken_as_the_session_is_opened(
+    storage, session, disk, capsys, monkeypatch, tmp_path, elsewhere
 ):
-    with monkeypatch.context() as patch:
-        patch.setattr("experiments.recording.atomic_files.written_beside", refuses)
-        storage.store_trial(Ended(session))
-        assert session.rows == [] and storage.not_written.startswith("Run 1 is not complete. ") and said[-1][1]
-        assert why in storage.not_written.lower() and "Or go on in another folder" in storage.not_written
-        assert "Make room on the disk, or let the folder be written to again, " in said[-1][0]
-        assert check_recording("", storage.not_written, "", 0).state == BAD
-        storage.retry()
-        assert storage.not_written and session.rows == []
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / ("home" if elsewhere else "a file")))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "a file"))
+    (tmp_path / "a file").touch()
+    ended = Ended(session, ticks=1500, full_disk=disk)
+    storage.store_trial(ended)
+    storage.write(NOTE, text="the lamp flickers")
+    disk.only_folder = session.folder
+    ticks = session.database.pending_ticks
+    assert ticks > 1000
+    left = storage.end()
+    error = capsys.readouterr().err
+    assert storage.progress is None and f"{ticks:,} ticks" in left and left in error
+    disk.refuses = None
+    again = Session.resume(session.data_dir, "01", sync=False)
+    if elsewhere:
+        assert "they are in" in left
+        assert again.repaired.ticks_kept_elsewhere == ticks and f"{ticks:,} ticks" in again.repaired.sentence()
+        assert [row.status for row in again.rows] == ["aborted" if not ended.cut_short else "stopped"]
+        assert NOTE in [entry.event for entry in read_events(session.folder)]
+        assert not list((tmp_path / "home" / "phd-rescued").iterdir())
+    else:
+        assert "are lost" in left
+    in_order(again)
+
+
+@pytest.mark.parametrize(("refuses", "why"), [(full, "no space left"), (locked, "permission denied")])
+def test_a_disk_that_takes_nothing_stops_the_next_trial_until_it_does(storage, session, said, disk, refuses, why):
+    ended = Ended(session)
+    disk.refuses = refuses
+    storage.store_trial(ended)
+    assert session.rows == [] and storage.not_written.startswith("Run 1 is not complete. ") and said[-1][1]
+    assert why in storage.not_written.lower()
+    assert "Make room on the disk, or let the folder be written to again, " in said[-1][0]
+    assert check_recording("", storage.not_written, "").state == BAD
     storage.retry()
-    assert (
-        not storage.not_written and [row.status for row in session.rows] == ["done"] and "run 1 is done" in said[-1][0]
-    )
+    assert storage.not_written and session.rows == []
+    disk.refuses = None
+    storage.retry()
+    assert not storage.not_written and [row.status for row in session.rows] == ["done"]
+    assert "run 1 is done" in said[-1][0]
     assert storage.progress.coming == session.plan[1]
     in_order(session)
 
 
-@pytest.mark.parametrize("room", range(0, 6000, 450))
-def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(storage, session, monkeypatch, room):
-    """room: bytes that journal, tables and recording may still have."""
-    left, write = [room], os.write
+@pytest.mark.parametrize("room", range(6))
+def test_wherever_a_disk_takes_no_more_the_trial_has_its_row_when_it_does_again(storage, session, disk, room):
+    """room: writes (commits, files) that it still takes."""
     ended = Ended(session)
-
-    def until_full(handle, data):
-        if len(data) > left[0]:
-            full()
-        left[0] -= len(data)
-        return write(handle, data)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(journal.os, "write", until_full)
-        patch.setattr("experiments.recording.writer.written_beside", full)
-        storage.store_trial(ended)
-        storage.write(NOTE, text="somebody coughed")
+    disk.refuses, disk.room = full, room
+    storage.store_trial(ended)
+    storage.write(NOTE, text="somebody coughed")
+    disk.refuses = None
     storage.retry()
-    assert not storage.not_written and storage.streams == 0
+    assert not storage.not_written
     (row,) = session.rows
-    assert row.status in ("done", "recovered") and read_recording(session.folder / row.recording).whole
-    assert [entry.event for entry in read_events(session.folder)].count(NOTE) == 1
-    assert (storage.progress.coming == session.plan[1]) == (row.status == "done")
+    assert row.status == "done" and read_recording(session.folder / row.recording).whole
+    events = [entry.event for entry in read_events(session.folder)]
+    assert events.count(NOTE) == events.count(ENDED) == 1
+    assert storage.progress.coming == session.plan[1]
     in_order(session)
 
 
-def test_a_line_of_the_journal_that_came_too_late_has_the_time_of_what_happened(storage, session, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(journal.os, "write", full)
-        storage.write(NOTE, text="one")
-        storage.write(NOTE, text="two")
+def test_an_event_that_came_too_late_has_the_time_and_the_place_of_what_happened(storage, session, disk):
+    disk.refuses = full
+    storage.write(NOTE, text="one")
+    storage.write(NOTE, text="two")
+    disk.refuses = None
     session.note("later")
-    storage.retry()
-    events = {entry.about.get("text"): entry.time for entry in read_events(session.folder)}
-    assert events["one"] <= events["two"] <= events["later"]
+    entries = [entry for entry in read_events(session.folder) if entry.event is NOTE]
+    assert [entry.about["text"] for entry in entries] == ["one", "two", "later"]
+    assert entries[0].time <= entries[1].time <= entries[2].time
 
 
-def test_a_table_changed_by_hand_is_set_aside_and_made_again(storage, session):
+def test_a_clock_that_was_set_is_an_event_and_the_order_stays(storage, session, monkeypatch):
+    session.note("before")
+    wall = time.time
+    monkeypatch.setattr("experiments.store.journal.time.time", lambda: wall() - 3600.0)
+    session.note("after")
+    session.note("later")
+    entries = read_events(session.folder)[-4:]
+    assert [entry.about.get("text") for entry in entries] == ["before", None, "after", "later"]
+    assert entries[1].event is CLOCK_JUMPED and entries[1].about["seconds"] == pytest.approx(-3600.0, abs=1.0)
+
+
+def test_a_table_that_was_edited_is_made_again_with_the_next_trial(storage, session):
     run_trials(session, 1)
     table = session.folder / "trials.csv"
-    by_hand = table.read_bytes().replace(b"\n", b"\r\n")
-    table.write_bytes(by_hand)
+    table.write_bytes(table.read_bytes().replace(b"done", b"gone"))
     storage.store_trial(Ended(session))
-    assert storage.not_written
-    storage.retry()
     assert not storage.not_written and [row.status for row in session.rows] == ["done", "done"]
-    assert (session.folder / "trials.csv.damaged").read_bytes() == by_hand
+    assert b"gone" not in table.read_bytes()
     in_order(session)
 
 
@@ -233,7 +227,7 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     storage.store_trial(ended)
     assert storage.progress.without_valid_trial() == ""
     session.skip("short of time")
-    storage.update_tables("")
+    storage.update_next("")
     last = len(session.plan)
     assert f"2 of its {last} trials have no result: {last - 1} (aborted), {last} (skipped)" in said[-1][0]
     session.redo(session.rows[-2].run, "there is time")

@@ -41,7 +41,7 @@ from app.window.widgets.page import ANALYSE, HOME, TRY
 from core.faults import cause
 from experiments.analysis.trials_table import as_rows, as_table
 from experiments.protocol_file import Consent
-from experiments.session.overview import DataOverview, SessionOverview
+from experiments.store.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 #: the smallest and a large one, by the steps of the text size
@@ -163,7 +163,7 @@ def sessions(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     one = SessionOverview(Path("sub-01/ses-01"), "01", "paper", 14, 60, 1.8e9, lacking=3)
     others = one._replace(participant="02", done=60), one._replace(participant="03", declined=True)
-    broken = one._replace(participant="04", problem="session.json: gone")
+    broken = one._replace(participant="04", problem="session.db: gone")
     data = screens.main.pages[HOME].data
     data._looking.forget()
     data.show_overview(DataOverview(Path("data"), (one, *others, broken)))

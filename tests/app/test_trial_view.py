@@ -12,8 +12,9 @@ from protocols import short
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
+from recorded import record
 from screens import settle
-from sessions import closed_session
+from sessions import closed_session, new_session
 
 from app.window.analyse.trial_view import SPEEDS, TrialView, TrialWindow
 from app.window.widgets import theme
@@ -21,9 +22,8 @@ from core import tick_log
 from core.device import load_device
 from core.files import InputError
 from core.mechanism import JOINTS
-from experiments.recording.reader import read_recording
-from experiments.recording.writer import RecordingWriter
-from experiments.session.playback import read_playback, ticks_of
+from experiments.store.playback import read_playback, ticks_of
+from experiments.store.reader import read_recording
 from experiments.study.replay import Replacement, replay
 
 THREE = load_device("three-brake")
@@ -33,11 +33,11 @@ ABOUT = {
 }  # fmt: skip
 
 
-def recorded(path: Path, rows: np.ndarray, **about) -> Path:
-    with RecordingWriter(path, "AEB", {**ABOUT, **about}, sync=False) as writer:
-        writer.write(rows)
-        writer.close({"status": "done"})
-    return path
+def recorded(data: Path, rows: np.ndarray, **about) -> Path:
+    """A recording of these ticks, in the session of a participant."""
+    session = new_session(data, "03")
+    session.close()
+    return record(session.folder, rows, metadata={**ABOUT, **about}, run=7)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def rows() -> np.ndarray:
 
 @pytest.fixture
 def window(qtbot, tmp_path: Path, rows: np.ndarray) -> TrialWindow:
-    window = TrialWindow(recorded(tmp_path / "run-007.arrows", rows))
+    window = TrialWindow(recorded(tmp_path, rows))
     qtbot.addWidget(window)
     window.show()
     return window
@@ -60,7 +60,7 @@ def view(window: TrialWindow) -> TrialView:
 
 def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path, rows: np.ndarray) -> None:
     rows[:, tick_log.STUCK] = np.arange(len(rows)) % 8  # three brakes
-    back = ticks_of(read_recording(recorded(tmp_path / "run-001.arrows", rows)), ALONG)
+    back = ticks_of(read_recording(recorded(tmp_path, rows)), ALONG)
     unbraked = [tick_log.CURRENT + 3, tick_log.TORQUE + 3]
     kept = [i for i in range(tick_log.WIDTH) if i not in unbraked]
     assert np.array_equal(back[:, kept], rows[:, kept], equal_nan=True)
@@ -238,13 +238,13 @@ def test_the_same_hand_through_another_controller_stands_beside(qtbot, replayed:
     assert "compared" not in view.measures.text() and not len(view.traces.error.beside.getData()[1] or [])
 
 
-def test_a_recording_by_itself_plays_on_the_shipped_device_of_its_name_and_nothing_to_play_is_one_sentence(
+def test_a_recording_plays_on_the_device_of_its_session_and_nothing_to_play_is_one_sentence(
     tmp_path: Path, rows: np.ndarray, qtbot
 ) -> None:
-    assert read_playback(recorded(tmp_path / "a.arrows", rows)).device.name == "three-brake"
-    with pytest.raises(InputError, match="unknown device"):
-        read_playback(recorded(tmp_path / "b.arrows", rows, configuration="nobody-knows"))
+    assert read_playback(recorded(tmp_path / "a", rows)).device.name == "three-brake"
+    with pytest.raises(InputError, match="no device"):
+        read_playback(recorded(tmp_path / "b", rows, configuration="nobody-knows"))
     with pytest.raises(InputError, match="no ticks"):
-        TrialWindow(recorded(tmp_path / "empty.arrows", rows[:0]))
+        TrialWindow(recorded(tmp_path / "empty", rows[:0]))
     with pytest.raises(InputError):
         TrialWindow(tmp_path / "missing.parquet")

@@ -1,41 +1,37 @@
-"""`phd verify` names everything that is damaged, missing or contradicted, and nothing that is not."""
+"""`phd verify` names everything that is damaged, missing, stale or from elsewhere, and nothing that is not."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
 import pytest
+from damage import edited, found, make_whole
 from disks import flip_a_bit
-from recorded import batch_ends
 from refusals import refusal
-from sessions import closed_session, crash_in_trial, files, new_session, run
+from sessions import crash_in_trial, files, new_session, run, session_of
 
 from app.cli import main
-from experiments.session.files import write_pooled_table
-from experiments.session.verify import verify
+from core.files import InputError
+from experiments.export.export import export
+from experiments.export.results import read_results
+from experiments.store.database import DATABASE
+from experiments.store.files import pooled_rows
+from experiments.store.session import Session
+from experiments.store.verify import verify
+from experiments.study.analyze import analyze
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A study folder with one session, three trials done and the plan unfinished."""
-    data = tmp_path_factory.mktemp("verify") / "data"
-    closed_session(data, 3)
-    write_pooled_table(data)
-    return data
+    return make_whole(tmp_path_factory.mktemp("verify") / "data")
 
 
 @pytest.fixture
 def data(whole, tmp_path):
     """A copy to spoil."""
     return shutil.copytree(whole, tmp_path / "data")
-
-
-def faults(data):
-    """file -> what is wrong with it."""
-    found: dict[str, list[str]] = {}
-    for fault in verify(data)["faults"]:
-        found.setdefault(fault["file"], []).append(fault["fault"])
-    return found
 
 
 def test_a_whole_session_with_an_unfinished_plan_has_no_fault_and_is_not_touched(data, capsys):
@@ -48,47 +44,32 @@ def test_a_whole_session_with_an_unfinished_plan_has_no_fault_and_is_not_touched
 
 
 def test_a_folder_that_was_hardly_begun_has_no_fault_and_is_said_to_be_empty(tmp_path, capsys):
-    for verb in ("verify", "recover"):
-        assert main([verb, str(tmp_path)]) == 0
-        assert capsys.readouterr().err == f"warning: {tmp_path}: holds no session yet\n"
-        assert not list(tmp_path.iterdir())
-    (tmp_path / ".study.json.partial").write_text('{"opera')
-    (tmp_path / "sub-01" / "ses-01" / "trials").mkdir(parents=True)
-    (tmp_path / "sub-01" / "ses-01" / ".session.json.partial").write_text('{"pl')
     assert main(["verify", str(tmp_path)]) == 0
+    assert capsys.readouterr().err == f"warning: {tmp_path}: holds no session yet\n"
+    assert not list(tmp_path.iterdir())
+    (tmp_path / ".study.db.partial").write_text("SQL")
+    (tmp_path / "sub-01" / "ses-01").mkdir(parents=True)
+    (tmp_path / "sub-01" / "ses-01" / DATABASE).touch()
+    assert main(["verify", str(tmp_path)]) == 0
+    session = new_session(tmp_path)  # and it can be begun again
+    session.close()
 
 
 def test_a_folder_of_other_files_or_none_at_all_is_wrong_input(tmp_path, capsys):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "a.png").touch()
     for folder in (tmp_path / "photos", tmp_path / "none", tmp_path / "photos" / "a.png"):
-        for verb in ("verify", "recover"):
-            refusal(capsys, verb, folder)
+        refusal(capsys, "verify", folder)
     assert files(tmp_path) == {"photos/a.png": b""}
-
-
-def test_every_damaged_batch_of_a_stream_is_named(tmp_path):
-    session = new_session(tmp_path)
-    stream = crash_in_trial(session, ticks=3000)  # a batch each 500 ticks
-    ends = batch_ends(stream)
-    for batch in (1, 4):
-        flip_a_bit(stream, (ends[batch][0] + ends[batch + 1][0]) // 2, 4)
-    name = stream.relative_to(tmp_path).as_posix()
-    said = faults(tmp_path)[name]
-    assert said[0] == "batch 1 (rows 500 to 999): damaged" and said[1] == "batch 4 (rows 2000 to 2499): damaged"
-    assert "cut off" in said[2]
 
 
 SESSION, TABLE = "sub-01/ses-01", "sub-01/ses-01/trials.csv"
 ONE, TWO, THREE = (f"{SESSION}/trials/run-00{run}.parquet" for run in (1, 2, 3))
+AGAIN = "it is made again at the end of the next trial, or when the session is opened"
 
 
-def edited(data: Path, name: str, old: str, new: str) -> None:
+def text_edited(data: Path, name: str, old: str, new: str) -> None:
     (data / name).write_text((data / name).read_text().replace(old, new, 1))
-
-
-def without_last_row(data: Path) -> None:
-    (data / TABLE).write_text("".join((data / TABLE).read_text().splitlines(True)[:-1]))
 
 
 def exchanged(data: Path) -> None:
@@ -96,43 +77,103 @@ def exchanged(data: Path) -> None:
         (data / old).rename(data / new)
 
 
+def newer(data: Path) -> None:
+    with edited(data / SESSION / DATABASE) as db:
+        db.execute("PRAGMA user_version = 7")
+
+
+def without_a_column(data: Path) -> None:
+    lines = (data / TABLE).read_text().splitlines()
+    (data / TABLE).write_text("".join(line.rpartition(",")[0] + "\n" for line in lines))
+
+
 SPOILT = {
-    "a changed bit": (lambda d: flip_a_bit(d / THREE), THREE, "file: "),
-    "recording gone": (lambda d: (d / TWO).unlink(), TWO, "missing: trials.csv names it"),
-    "recording and row gone": (
-        lambda d: ((d / THREE).unlink(), without_last_row(d)), THREE.removesuffix(".parquet"), "missing: the journal",
+    "a changed bit": (lambda d: flip_a_bit(d / THREE), THREE, "does not match its checksum"),
+    "truncated": (lambda d: (d / TWO).write_bytes((d / TWO).read_bytes()[:-9]), TWO, "it was changed or cut"),
+    "recording gone": (lambda d: (d / TWO).unlink(), TWO, "file: missing"),
+    "recordings exchanged": (exchanged, ONE, "does not match its checksum"),
+    "table edited": (lambda d: text_edited(d, TABLE, ",excluded,0.0", ",excluded,0.1"), TABLE, f"was edited.*{AGAIN}"),
+    "last column gone": (without_a_column, TABLE, "is stale or was edited"),
+    "table gone": (lambda d: (d / TABLE).unlink(), TABLE, f"is missing; {AGAIN}"),
+    "pooled table edited": (
+        lambda d: text_edited(d, "trials.csv", "redone", "done"), "trials.csv", "phd study --resume makes it again",
     ),
-    "row gone": (without_last_row, TABLE, "has no row for run 3"),
-    "number changed": (lambda d: edited(d, TABLE, ",1,done,0.0", ",1,done,0.1"), TABLE, "path_error_m is 0.1"),
-    "status changed": (
-        lambda d: edited(d, TABLE, ",done,", ",timeout,"), TABLE, "run 1: status is timeout, its recording gives done",
+    "folder renamed": (
+        lambda d: (d / "sub-01").rename(d / "sub-07"), "sub-07/ses-01", "it holds the session of sub-01/ses-01",
     ),
-    "recordings exchanged": (exchanged, ONE, "says that it is run 2"),
-    "table unreadable": (lambda d: (d / TABLE).write_bytes(b"\x00\xff"), TABLE, "cannot be read"),
-    "plan changed": (
-        lambda d: edited(d, f"{SESSION}/session.json", '"controller": 1', '"controller": 2'),
-        f"{SESSION}/session.json", "does not match its checksum",
+    "folder copied": (
+        lambda d: shutil.copytree(d / "sub-01", d / "sub-01 - Copy"), "sub-01 - Copy/ses-01", "the folder is a copy",
     ),
-    "session.json gone": (
-        lambda d: (d / SESSION / "session.json").unlink(), f"{SESSION}/session.json", "cannot be read",
+    "session copied": (
+        lambda d: shutil.copytree(d / SESSION, d / "sub-01" / "ses-02"), "sub-01/ses-02", "the folder is a copy",
     ),
-    "session gone": (lambda d: shutil.rmtree(d / "sub-01"), "trials.csv", "run 1 of participant 01: no session's"),
+    "conflict copy": (
+        lambda d: shutil.copy(d / SESSION / DATABASE, d / SESSION / "session (conflicted copy).db"),
+        f"{SESSION}/session (conflicted copy).db", "a conflict copy",
+    ),
+    "database gone": (lambda d: (d / SESSION / DATABASE).unlink(), SESSION, "its session.db is missing"),
+    "truncated database": (
+        lambda d: (d / SESSION / DATABASE).write_bytes((d / SESSION / DATABASE).read_bytes()[:20_000]),
+        f"{SESSION}", "is damaged",
+    ),
+    "newer": (newer, SESSION, "is of format 7, this version of PHD reads formats up to 1: take a newer one"),
+    "foreign": (lambda d: (d / SESSION / DATABASE).write_bytes(b"x" * 9999), SESSION, "is damaged"),
+    "session gone": (lambda d: shutil.rmtree(d / "sub-01"), SESSION, "is missing, and study.db counts it"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("spoil, file, says", SPOILT.values(), ids=SPOILT)
-def test_what_is_missing_or_contradicted_is_named(data, capsys, spoil, file, says):
+def test_what_is_missing_or_from_elsewhere_is_named(data, capsys, spoil, file, says):
     spoil(data)
     assert main(["verify", str(data)]) == 1
-    assert any(line.startswith(f"{file}: ") and says in line for line in capsys.readouterr().out.splitlines())
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith(f"{file}") and re.search(says, line) for line in lines), lines
+
+
+@pytest.mark.parametrize("name", ["sub-01 - Copy", "sub-02", "Copy of sub-01"])
+def test_a_copied_session_counts_once_and_every_reader_names_the_copy(data, tmp_path, name):
+    before = pooled_rows(data)
+    shutil.copytree(data / "sub-01", data / name)
+    assert pooled_rows(data) == before
+    results = read_results(data)
+    assert len(results.trials) == len(before) and any(name in problem for problem in results.problems)
+    for summary in (analyze(data, tmp_path / "a"), export(data, {"bids": tmp_path / "bids", "csv": tmp_path / "csv"})):
+        assert summary["trials"] == len(before)
+        assert any(name in sentence and "copy" in sentence for sentence in summary["left_out"])
+    assert [path.name for path in (tmp_path / "bids").glob("sub-*")] == ["sub-01"]
+    if name.startswith("sub-"):
+        with pytest.raises(InputError, match="copy"):
+            Session.resume(data, name.removeprefix("sub-"), sync=False)
+
+
+def test_lost_and_damaged_recordings_are_named_with_their_participant(data, tmp_path):
+    (data / TWO).unlink()
+    flip_a_bit(data / ONE)
+    lost = "left out: 1 recording of participant 01 is missing or cut"
+    assert lost in read_results(data).problems
+    for summary in (analyze(data, tmp_path / "a"), export(data, {"csv": tmp_path / "csv"})):
+        assert lost in summary["warnings"]
+        assert sum("run-001" in entry or "run-002" in entry for entry in summary["left_out"]) == 2
 
 
 def test_a_trial_in_progress_is_no_fault_while_its_process_lives(tmp_path):
     session = new_session(tmp_path)
     trial, writer = session.begin(session.next_planned())
     run(trial, writer, 1500)
-    found = verify(tmp_path)
-    assert found["faults"] == [] and found["in_progress"] == 1 and found["in_use"] == 1
+    seen = verify(tmp_path)
+    assert seen["faults"] == [] and seen["in_progress"] == 1 and seen["in_use"] == 1
     session.close()  # as the end of the process would
-    assert "cut off" in faults(tmp_path)["sub-01/ses-01/trials/run-001.arrows"][0]
-    writer.abandon()
+    assert "cut off" in found(tmp_path)["sub-01/ses-01/trials/run-001.parquet"][0]
+
+
+def test_damaged_ticks_of_a_trial_that_was_cut_off_are_named(tmp_path):
+    path = crash_in_trial(new_session(tmp_path), ticks=3000)
+    with edited(tmp_path / SESSION / DATABASE) as db:
+        db.execute("UPDATE ticks SET columns = zeroblob(100) WHERE number = 3")
+    assert "some do not match their checksum" in found(tmp_path)[path.relative_to(tmp_path).as_posix()][0]
+
+
+def test_a_session_without_a_trial_is_whole(tmp_path):
+    with session_of(tmp_path, 0):
+        pass
+    assert verify(tmp_path)["faults"] == []

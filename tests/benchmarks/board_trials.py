@@ -22,7 +22,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import Metrics, trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.recording.schema import recording_of
+from experiments.recording import recording_of
 from experiments.trial.operator import Person
 from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial

@@ -16,9 +16,9 @@ import numpy as np
 
 from core import tick_log
 from experiments.protocol import load_protocol
-from experiments.recording.schema import Sensors
-from experiments.session import files
-from experiments.session.session import Participant, Session
+from experiments.recording import Sensors
+from experiments.store import files
+from experiments.store.session import Participant, Session
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.board import Board

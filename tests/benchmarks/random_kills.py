@@ -21,10 +21,10 @@ from waiting import wait_until
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.recording.reader import read_recording
-from experiments.session.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
-from experiments.session.journal import journal_summary
-from experiments.session.verify import verify
+from experiments.store.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
+from experiments.store.journal import journal_summary
+from experiments.store.reader import read_recording
+from experiments.store.verify import verify
 
 VICTIMS = ("server", "loop", "window")
 LONGEST_S = 6.0  # from the start of a trial to the kill; some then come between two trials

@@ -12,14 +12,15 @@ from protocols import PEOPLE, short
 from sessions import crash_in_trial, files, session_of
 
 from app.cli import main
-from experiments.recording.reader import read_recording
-from experiments.session import session as sessions
-from experiments.session.files import cell, write_pooled_table
-from experiments.session.recover import recover
-from experiments.session.session import Session
+from experiments.store import session as sessions
+from experiments.store.cells import cell
+from experiments.store.files import pooled_rows, write_pooled_table
+from experiments.store.reader import read_recording
+from experiments.store.session import Session
+from experiments.store.verify import verify
 from experiments.study.analyze import Found, analyze, changed_boxes
 from experiments.study.study import resume_study, run_study
-from tests.support.rows import read_rows, write_rows
+from tests.support.rows import read_rows
 
 
 @pytest.fixture(scope="module")
@@ -71,17 +72,8 @@ def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, tmp_path):
 def test_boxes_are_compared_with_the_timeouts_that_the_figures_count(study, tmp_path):
     rows = read_rows(study / "trials.csv")
     late = [replace(row, status="timeout") if row is rows[4] else row for row in rows]
-    table = tmp_path / "trials.csv"
-    write_rows(table, rows)
-    with_it, without = (changed_boxes(table, Found(rows=late), timeouts) for timeouts in (True, False))
+    with_it, without = (changed_boxes(study, Found(rows=late), timeouts) for timeouts in (True, False))
     assert with_it == [] and len(without) == 3
-
-
-def test_without_a_table_to_compare_with_that_is_said(study, tmp_path):
-    folder = shutil.copytree(study, tmp_path / "copy")
-    spoil(folder, 1)
-    (folder / "trials.csv").unlink()
-    assert "cannot be compared" in analyze(folder, tmp_path / "out")["changed"][0]
 
 
 def test_an_analysis_that_is_interrupted_leaves_no_half_of_it(study, tmp_path, monkeypatch):
@@ -97,16 +89,15 @@ def test_an_analysis_that_is_interrupted_leaves_no_half_of_it(study, tmp_path, m
 
 def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_table_is_said_to_differ(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "study")
-    stale = (folder / "trials.csv").read_text()
     session = Session.resume(folder, "01", sync=False)
     runs = [row.run for row in session.rows[:2]]
     session.exclude(runs[0], "the participant sneezed")
     session.redo(runs[1], "the cable was caught")
     session.close()
-    assert [row.status for row in read_rows(folder / "trials.csv") if row.run in runs] == ["excluded", "redone"]
+    assert [row.status for row in pooled_rows(folder) if row.run in runs] == ["excluded", "redone"]
     assert analyze(folder, tmp_path / "fresh")["changed"] == []
-    (folder / "trials.csv").write_text(stale)
-    assert len(analyze(folder, tmp_path / "after")["changed"]) == 6
+    assert [fault["file"] for fault in verify(folder)["faults"]] == ["trials.csv"]
+    assert resume_study(folder, {})["trials"] == 21 and verify(folder)["faults"] == []
 
 
 def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(tmp_path, monkeypatch):
@@ -150,7 +141,7 @@ def test_the_energy_stamp_of_every_trial_stands_in_its_row_and_in_its_file(study
 def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
     with session_of(tmp_path, 1) as session:
         crash_in_trial(session)
-    recover(tmp_path)
+    sessions.Session.resume(tmp_path, "01", sync=False).close()
     assert list(write_pooled_table(tmp_path)["energy_residual_J"].notna()) == [True, False]
 
 
@@ -171,4 +162,4 @@ def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_
     assert main(["analyze", str(other), "--beside", str(other), "--out", str(tmp_path / "no")]) == 2
     assert "cannot be told apart" in capsys.readouterr().err and not (tmp_path / "no").exists()
     assert main(["analyze", str(other), "--beside", str(tmp_path), "--out", str(tmp_path / "no")]) == 2
-    assert "trials.csv" in capsys.readouterr().err and not (tmp_path / "no").exists()
+    assert "holds no session" in capsys.readouterr().err and not (tmp_path / "no").exists()

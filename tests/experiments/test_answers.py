@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from exports import rows, table, validate
-from sessions import closed_session, files
+from sessions import closed_session, files, new_session
 
 from app.window.participant.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, AnswerSet, View
@@ -20,7 +20,10 @@ from experiments.export.files import (
 )
 from experiments.export.results import ResultsJob
 from experiments.export.results_files import write_results
-from experiments.session.files import pooled_rows
+from experiments.store.database import Database
+from experiments.store.files import pooled_rows
+from experiments.store.journal import ANSWERS, CONTROLLER_ANSWERS, JournalWriter
+from experiments.store.journal import NOTE as NOTED
 
 SCALES = [item for item, *_ in ITEMS]
 FIRST, SECOND = (dict(zip(SCALES, (5.0 * (n + i) for i in range(7)), strict=True)) for n in (1, 4))
@@ -40,21 +43,14 @@ def silent(tmp_path_factory):
 def study(silent, tmp_path):
     """The same with answers after two blocks and a note; another participant has only written a note."""
     data = shutil.copytree(silent, tmp_path / "study")
-    journal = data / "sub-01" / "ses-01" / "journal.jsonl"
-    events = [
-        {"event": "note", "text": NOTE},
-        *(
-            {"event": "answers", "configuration": "three-brake", "block": block, "values": values}
-            for block, values in ((1, FIRST), (2, SECOND))
-        ),
-    ]
-    with journal.open("a") as file:
-        for event in events:
-            file.write(json.dumps({"time": "2026-01-02T03:04:05.678+00:00", **event}) + "\n")
-    other = data / "sub-02" / "ses-01"
-    other.mkdir(parents=True)
-    line = {"time": "2026-01-03T00:00:00.000+00:00", "event": "note", "text": "did not come"}
-    (other / "journal.jsonl").write_text(json.dumps(line) + "\n")
+    with Database(data / "sub-01" / "ses-01") as database:
+        journal = JournalWriter(database)
+        journal.write(NOTED, text=NOTE)
+        for block, values in ((1, FIRST), (2, SECOND)):
+            journal.write(ANSWERS, configuration="three-brake", block=block, values=values)
+    other = new_session(data, "02")
+    other.note("did not come")
+    other.close()
     return data
 
 
@@ -66,7 +62,7 @@ def test_answers_and_notes_are_tables_of_their_own_and_described(study, tmp_path
     ]  # fmt: skip
     assert [{scale: float(a[scale]) for scale in SCALES} for a in answers] == [FIRST, SECOND]
     assert [(note["participant"], note["text"]) for note in notes] == [("01", NOTE), ("02", "did not come")]
-    assert all(note["time"].startswith("2026-01-0") for note in notes)
+    assert all(note["time"].endswith("+00:00") for note in notes)
     described = json.loads((tmp_path / "csv" / "columns.json").read_text())
     for name, lines in ((QUESTIONNAIRE_CSV, answers), (NOTES_CSV, notes)):
         assert set(described[name]) == set(lines[0]) and all(entry["description"] for entry in described[name].values())
@@ -121,11 +117,10 @@ def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
 
 
 def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):
-    from experiments.session.journal import CONTROLLER_ANSWERS, write_event
-
-    home = tmp_path / "sub-07" / "ses-01"
-    home.mkdir(parents=True)
-    write_event(home, CONTROLLER_ANSWERS, False, configuration="four-brake", controller=3, values=FIRST)
+    session = new_session(tmp_path, "07")
+    session.journal(CONTROLLER_ANSWERS, configuration="four-brake", controller=3, values=FIRST)
+    session.close()
+    home = session.folder
     answers, notes = answers_and_notes([home])
     assert answers[0][:5] == ("07", "four-brake", 0, 3, FIRST)
     described = write_answers_and_notes(tmp_path, answers, notes)[QUESTIONNAIRE_CSV]

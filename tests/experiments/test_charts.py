@@ -25,13 +25,13 @@ from experiments.analysis.charts import (
     legend,
 )
 from experiments.analysis.trials_table import as_table
+from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import lateness_causes, session_lines, write_results
-from experiments.recording.atomic_files import first_free
-from experiments.recording.reader import read_recording
-from experiments.session.files import read_stored
-from experiments.session.playback import device_of, read_playback
-from tests.support.rows import with_measures, write_rows
+from experiments.store.playback import device_of, read_playback
+from experiments.store.reader import read_recording
+from experiments.store.stored import read_stored
+from tests.support.rows import put_session, with_measures, write_rows
 
 DEVICES = ("three-brake", "four-brake")
 VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
@@ -177,10 +177,8 @@ def test_a_data_folder_a_session_and_a_bare_table_can_all_be_looked_at(data, tmp
 
 
 def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
-    for who in ("01", "02"):
-        (tmp_path / f"sub-{who}" / "ses-01").mkdir(parents=True)
-    write_rows(tmp_path / "sub-01" / "ses-01" / "trials.csv", study()[:60])
-    (tmp_path / "sub-02" / "ses-01" / "trials.csv").write_text("nonsense")
+    put_session(tmp_path, "01", study()[:60])
+    (put_session(tmp_path, "02", []) / "session.db").write_bytes(b"nonsense" * 2000)
     results = read_results(tmp_path)
     assert len(results.trials) == 60 and "sub-02" in results.problems[0]
 

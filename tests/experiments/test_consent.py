@@ -1,6 +1,5 @@
 """Consent: who agrees goes on; of who declines only the answer is kept; resume, verify and export know it."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -11,12 +10,14 @@ from sessions import closed_session, files
 from core.files import InputError
 from experiments.export.export import export
 from experiments.protocol_file import Consent
-from experiments.session.checksums import CHECKSUM
-from experiments.session.consent import ConsentAnswer
-from experiments.session.journal import CONSENT, read_events
-from experiments.session.overview import scan_folder
-from experiments.session.session import Participant, Session
-from experiments.session.verify import verify
+from experiments.store.consent import ConsentAnswer
+from experiments.store.database import Database
+from experiments.store.journal import CONSENT, read_events
+from experiments.store.overview import scan_folder
+from experiments.store.session import Participant, Session
+from experiments.store.stored import put_protocol, read_stored
+from experiments.store.verify import verify
+from experiments.store.writer import RecordingWriter
 
 TEXT = "You may stop at any time."
 ASKS = replace(PAPER, consent=Consent(TEXT), text=f'{PAPER.text}\n[consent]\ntext = "{TEXT}"\n')
@@ -46,9 +47,9 @@ def test_who_declines_leaves_the_answer_and_nothing_else(tmp_path: Path) -> None
     agreed, declined = begin(tmp_path, "01", YES), begin(tmp_path, "02", NO)
     for folder, answer in ((agreed, YES), (declined, NO)):
         (entry,) = (entry for entry in read_events(folder) if entry.event is CONSENT)
-        assert (entry.about["agreed"], entry.time) == answer
-        assert json.loads((folder / "session.json").read_text())["consent"] == answer._asdict()
-    assert set(files(declined)) == {"session.json", "journal.jsonl", "journal.end", ".lock"}
+        assert (entry.about["agreed"], entry.about["answered"]) == answer
+        assert read_stored(folder).about["consent"] == answer._asdict()
+    assert set(files(declined)) == {"session.db", ".lock"}
     Session.resume(tmp_path, "01", sync=False).close()
     before = files(tmp_path)
     with pytest.raises(InputError, match="declined to take part; name another participant"):
@@ -62,13 +63,12 @@ def test_who_declines_leaves_the_answer_and_nothing_else(tmp_path: Path) -> None
 
 def test_verify_finds_recordings_of_who_declined_and_an_answer_that_was_changed(tmp_path: Path) -> None:
     declined = begin(tmp_path, "02", NO)
-    (declined / "trials").mkdir(exist_ok=True)
-    (declined / "trials" / "run-001.arrows").write_bytes(b"x")
+    with Database(declined) as database:
+        RecordingWriter(database, ("trials", 1), "A", {}).flush()
     assert "there are recordings of a participant who declined to take part" in faults(tmp_path)
     unasked = begin(tmp_path / "b", "01", None, PAPER)
-    stored = json.loads((begin(tmp_path / "c", "01", YES) / "session.json").read_text())
-    del stored["consent"], stored[CHECKSUM]
-    (unasked / "session.json").write_text(json.dumps(stored))
+    with Database(unasked) as database:
+        put_protocol(database, ASKS)
     assert "the participant was not asked for the consent that the protocol wants" in faults(tmp_path / "b")
     with pytest.raises(InputError, match="was not asked for consent"):
         Session.resume(tmp_path / "b", "01", sync=False)

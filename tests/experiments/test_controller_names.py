@@ -9,17 +9,15 @@ from pathlib import Path
 
 import pytest
 from exports import errors, rows
-from protocols import PAPER, protocol_of, short
-from sessions import crash_in_trial, files, new_session, of, run_trials
+from protocols import protocol_of, short
+from sessions import files, new_session, run_trials
 
-from experiments.analysis.trials_table import as_table, table_bytes, with_name
 from experiments.export.export import export
-from experiments.session.files import pooled_rows, rows_of, write_pooled_table
-from experiments.session.recover import recover
-from experiments.session.session import Session
-from experiments.session.verify import verify
+from experiments.store.files import pooled_rows, write_pooled_table
+from experiments.store.session import Session
+from experiments.store.verify import verify
 from experiments.study.analyze import analyze
-from tests.support.rows import read_rows, write_rows
+from tests.support.rows import read_rows
 
 #: Two controllers that Table I has not, with numbers of their own.
 OTHERS = """
@@ -70,14 +68,6 @@ def open_data(tmp_path_factory) -> Path:
     return data
 
 
-def as_before(data: Path) -> None:
-    """The tables as the version before controller_name wrote them."""
-    for table in data.rglob("trials.csv"):
-        early = [replace(row, controller_name=None) for row in read_rows(table)]
-        write_rows(table, early, replacing=True)
-        assert b"controller_name" not in table.read_bytes()
-
-
 def lengths(table: Path) -> set[int]:
     """How many cells the lines of a table have."""
     with table.open(newline="") as lines:
@@ -96,70 +86,10 @@ def test_every_row_of_every_table_has_the_name_that_the_protocol_gives(open_data
     assert verify(open_data)["faults"] == []
 
 
-def test_a_changed_or_emptied_name_in_a_table_is_a_fault(open_data, tmp_path):
-    for other in ("Rail, 3 mm", ""):
-        data = shutil.copytree(open_data, tmp_path / f"data{len(other)}")
-        table = of(data) / "trials.csv"
-        first, *rest = read_rows(table)
-        write_rows(table, [replace(first, controller_name=other), *rest], replacing=True)
-        faults = [one["fault"] for one in verify(data)["faults"] if one["file"].endswith("ses-01/trials.csv")]
-        assert faults == [f"run 1: controller_name is {other or 'empty'}, its recording gives {first.controller_name}"]
-
-
-def test_a_folder_of_an_earlier_version_is_whole_and_nothing_of_it_is_touched(open_data, tmp_path):
-    data = shutil.copytree(open_data, tmp_path / "data")
-    as_before(data)
-    before = files(data)
-    assert verify(data)["faults"] == []
-    done = recover(data)
-    assert not any(done[name] for name in ("rows_added", "rows_changed", "set_aside", "faults"))
-    assert {name: text for name, text in files(data).items() if not name.endswith(".lock")} == {
-        name: text for name, text in before.items() if not name.endswith(".lock")
-    }
-    assert [row.controller_name for row in rows_of(of(data))] == [NAMES[row.controller] for row in rows_of(of(data))]
-    out = export(data, {"csv": tmp_path / "csv"})
-    assert out["trials"] == 3 and {row["controller_name"] for row in rows(tmp_path / "csv" / "trials.csv")} <= {
-        *NAMES.values()
-    }
-
-
-@pytest.mark.parametrize("crashed", [False, True])
-def test_an_interrupted_session_of_an_earlier_version_goes_on_to_a_table_with_every_name(open_data, tmp_path, crashed):
-    data = shutil.copytree(open_data, tmp_path / "data")
-    as_before(data)
-    session = Session.resume(data, "01", sync=False)
-    if crashed:
-        crash_in_trial(session)
-        session = Session.resume(data, "01", sync=False)
-    run_trials(session, 2)
-    session.redo(session.rows[0].run, "again")
-    run_trials(session, 1)
-    session.close()
-    write_pooled_table(data)
-    for table in (of(data) / "trials.csv", data / "trials.csv"):
-        found = read_rows(table)
-        assert [row.controller_name for row in found] == [NAMES[row.controller] for row in found]
-        assert len(lengths(table)) == 1 and table_bytes(as_table(found)) == table.read_bytes()
-    assert len(found) == 4 + 3 + crashed and verify(data)["faults"] == []
-
-
-def test_old_and_new_sessions_in_one_folder_make_one_table_in_which_every_row_has_its_name(open_data, tmp_path):
-    data = shutil.copytree(open_data, tmp_path / "data")
-    as_before(data)
-    session = new_session(data, "02", protocol=short(paths=1))
-    run_trials(session, 2)
-    session.close()
-    write_pooled_table(data)
-    assert len(lengths(data / "trials.csv")) == 1 and verify(data)["faults"] == []
-    for row in read_rows(data / "trials.csv"):
-        assert row.controller_name == (NAMES[row.controller] if row.participant == "01" else
-                                       PAPER.controllers[row.controller].name)  # fmt: skip
-
-
 def test_while_a_session_is_blind_no_file_but_key_and_protocol_has_a_name(coded, tmp_path):
     told = b"Free hand", b"Rail, 2 mm", b"gap 2 mm"
     for name, content in files(coded).items():
-        if not name.endswith(("session.json", "key.json", ".parquet", ".arrows")):
+        if not name.endswith(("session.db", ".parquet")):
             assert not [word for word in told if word in content], name
     for table in coded.rglob("trials.csv"):
         assert all(row["controller_name"] == row["controller"] in ("K1", "K2") for row in rows(table))
@@ -176,15 +106,12 @@ def test_while_a_session_is_blind_no_file_but_key_and_protocol_has_a_name(coded,
     assert set(levels.values()) == {"coded, the session is blind"} and not errors(outs["bids"])
 
 
-@pytest.mark.parametrize("early", [False, True])
-def test_opened_a_session_has_the_names_in_every_row_the_skipped_and_redone_ones_too(coded, tmp_path, early):
+def test_opened_a_session_has_the_names_in_every_row_the_skipped_and_redone_ones_too(coded, tmp_path):
     data = shutil.copytree(coded, tmp_path / "data")
-    if early:
-        as_before(data)
-        assert verify(data)["faults"] == []
     session = Session.resume(data, "01", sync=False)
     session.unblind("Dr Weiss")
     session.close()
+    write_pooled_table(data)
     for table in data.rglob("trials.csv"):
         found = read_rows(table)
         assert [row.controller_name for row in found] == [NAMES[row.controller] for row in found]
@@ -220,15 +147,3 @@ def test_two_protocols_that_number_other_controllers_alike_are_both_in_the_dicti
     export(data, {"csv": tmp_path / "csv"})
     levels = json.loads((tmp_path / "csv" / "columns.json").read_text())["trials.csv"]["controller"]["levels"]
     assert levels["3"] == "Free hand: none / SDOF with gap: sdof, gap 5 mm"
-
-
-def test_a_session_whose_record_cannot_be_read_keeps_the_names_that_its_recordings_have(open_data, tmp_path):
-    data = shutil.copytree(open_data, tmp_path / "data")
-    (of(data) / "session.json").write_text("{")
-    files_named = {one["file"] for one in verify(data)["faults"]}
-    assert files_named == {"sub-01/ses-01/session.json"}
-    (of(data) / "trials.csv").unlink()
-    recover(data)
-    found = {row.status: row.controller_name for row in read_rows(of(data) / "trials.csv")}
-    assert found["done"] in NAMES.values() and found["skipped"] == ""
-    assert with_name(replace(read_rows(of(data) / "trials.csv")[0], controller_name=None), {}).controller_name is None

@@ -13,22 +13,24 @@ import pytest
 from disks import full
 from exports import errors, table, validate
 from protocols import protocol_of, short
+from recorded import record as recorded
 from recorded import ticks
 from refusals import refusal
-from sessions import closed_session, crash_in_trial, files, new_session, run, session_of
+from sessions import closed_session, crash_in_trial, files, new_session, run
 
 from app.cli import main
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, row_of
 from experiments.export.export import CsvTables, export
 from experiments.export.files import recording_column
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Sensors, recording_columns
-from experiments.recording.writer import RecordingWriter, convert_to_parquet
-from experiments.session.files import pooled_rows
-from experiments.session.session import Participant, Session
-from tests.support.rows import read_rows, write_rows
+from experiments.recording import Sensors, recording_columns
+from experiments.store.database import Database
+from experiments.store.files import add_row, pooled_rows, put_row, rows_of
+from experiments.store.reader import read_recording
+from experiments.store.session import Participant, Session
+from experiments.store.stored import put_about
+from tests.support.rows import read_rows
 
 SESSION = Path("sub-01", "ses-01")
 
@@ -44,8 +46,7 @@ def study(tmp_path_factory):
 
 def mouse_trial(data, hand="mouse"):
     """A recording of a person at the mouse: late ticks, a brake that gave no number, a number that only repr keeps."""
-    folder = data / "sub-p7" / "ses-01" / "trials"
-    folder.mkdir(parents=True)
+    folder = data / "sub-p7" / "ses-01"
     rows = ticks(900, seed=7)
     rows[:, tick_log.LATENESS_US] = np.abs(rows[:, tick_log.LATENESS_US])
     rows[5, tick_log.TORQUE] = np.nan
@@ -54,10 +55,11 @@ def mouse_trial(data, hand="mouse"):
     about = dict(participant="p7", run=104, block=1, configuration="my five-bar 2", controller=2, segment=1)
     path = {"kind": "segment", "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4]}
     metadata = {**about, "repetition": 1, "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4], "path": path, "hand": hand}
-    with RecordingWriter(folder / "run-104.arrows", "AEBC", metadata, sync=False) as writer:
-        writer.write(rows)
-        writer.close({"status": "timeout", "reason": "time was up"})
-    convert_to_parquet(writer.path, sync=False)
+    outcome = {"status": "timeout", "reason": "time was up"}
+    path = recorded(folder, rows, "AEBC", outcome, metadata=metadata, run=104)
+    with Database(folder) as database:
+        put_about(database, {"participant": "p7"})
+        add_row(database, row_of(read_recording(path), folder))
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +199,7 @@ def test_a_compressed_export_holds_the_same_bytes(study, exported, tmp_path):
 
 def test_the_tables_hold_the_rows_of_the_study(study, exported):
     rows = read_rows(exported["csv"] / "trials.csv")
-    assert [replace(r, recording="") for r in rows[:3]] == [replace(r, recording="") for r in pooled_rows(study)]
+    assert [replace(r, recording="") for r in rows[:3]] == [replace(r, recording="") for r in pooled_rows(study)[:3]]
     assert all((exported["csv"] / r.recording).exists() for r in rows)
     scans = [line for path in sorted(exported["bids"].rglob("*_scans.tsv")) for line in table(path)[1:]]
     lines = [[cell or "n/a" for cell in line] for line in table(exported["csv"] / "trials.csv", ",")[1:]]
@@ -240,13 +242,12 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
     path = folder / SESSION / "trials" / "run-002.parquet"
     path.write_bytes(path.read_bytes()[:-1000])
     (folder / SESSION / "trials" / "run-003.parquet").unlink()
-    with session_of(folder.parent / "other", 1) as session:
-        shutil.copy(crash_in_trial(session), folder / SESSION / "trials" / "run-009.arrows")
+    crash_in_trial(Session.resume(folder, "01", sync=False))
     outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
     assert main(["export", str(folder), "--bids", str(outs["bids"]), "--csv", str(outs["csv"]), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["trials"] == 2 and len(said["left_out"]) == 3
-    for number, why in (("002", "damaged"), ("003", "not there"), ("009", "cut off")):
+    for number, why in (("002", "changed or cut"), ("003", "missing"), ("004", "cut off")):
         [entry] = [entry for entry in said["left_out"] if f"run-{number}" in entry]
         assert why in entry
         assert all(entry in (out / "README.md").read_text() for out in outs.values())
@@ -256,9 +257,10 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
 
 def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_says(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
-    first, *rest = read_rows(folder / SESSION / "trials.csv")
     empty = TrialRow("01", 50, 1, "three-brake", 1, 1, 1, "aborted")
-    write_rows(folder / SESSION / "trials.csv", [replace(first, status="redone"), *rest, empty], replacing=True)
+    with Database(folder / SESSION) as database:
+        put_row(database, replace(rows_of(folder / SESSION)[0], status="redone"), 1)
+        add_row(database, empty)
     out = tmp_path / "csv"
     export(folder, {"csv": out})
     rows = read_rows(out / "trials.csv")
@@ -270,9 +272,10 @@ def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_
 
 def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "copy")
-    name = folder / SESSION / "trials.csv"
-    rows = [replace(r, controller=f"K{r.controller}") for r in read_rows(name)]
-    write_rows(name, rows, replacing=True)
+    rows = [replace(r, controller=f"K{r.controller}") for r in rows_of(folder / SESSION)]
+    with Database(folder / SESSION) as database:
+        for number, row in enumerate(rows, start=1):
+            put_row(database, row, number)
     outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
     assert export(folder, outs)["blind"] == ["sub-01/ses-01"]
     for out in outs.values():
@@ -310,7 +313,7 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
     wrong = {
         "nothing to write": ["export", str(study)],
         "--compress: is for --csv": ["export", str(study), "--bids", "out", "--compress"],
-        "holds no recordings": ["export", str(full), "--csv", "out"],
+        "holds no session": ["export", str(full), "--csv", "out"],
         "nowhere: there is no such folder": ["export", "nowhere", "--csv", "out"],
         "is not empty": ["export", str(study), "--bids", str(full)],
         "neither inside the other": ["export", str(study), "--bids", "out", "--csv", "out/csv"],

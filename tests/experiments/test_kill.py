@@ -1,6 +1,6 @@
-"""kill -9 at random moments: nothing that was acknowledged is lost, everything is readable or recovered.
+"""kill -9 at random moments: nothing that was acknowledged is lost, and the session goes on.
 
-That ticks are in the file in time, and a cut file gives back every whole batch, is in test_recording.
+That ticks are committed in time is in test_recording.
 
 Run as a script with a number of kills, it does as many and prints what it saw:
 python tests/experiments/test_kill.py 200
@@ -20,64 +20,60 @@ if __name__ == "__main__":
 
 from killed_phd import KilledPhd
 
-from experiments.analysis.trials_table import COUNTED, TrialRow
-from experiments.recording.reader import read_recording
-from experiments.session.files import cell, open_trials, read_stored, rows_of
-from experiments.session.journal import journal_summary, read_events
-from experiments.session.recover import recover
-from experiments.session.verify import verify
+from experiments.analysis.trials_table import COUNTED
+from experiments.recording import Recording
+from experiments.store.cells import cell, open_trials
+from experiments.store.files import STUDY, is_half_created, recordings_in, rows_of
+from experiments.store.journal import journal_summary, read_events
+from experiments.store.reader import read_recording
+from experiments.store.session import Session
+from experiments.store.stored import read_stored
+from experiments.store.verify import verify
 from tests.support.rows import read_rows
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the processes to kill are forks")
 
 
-def streams(folder: Path) -> dict[str, object]:
-    """Name -> what can be read of each stream that has not become Parquet."""
-    return {path.relative_to(folder).as_posix(): read_recording(path) for path in folder.rglob("run-*.arrows")}
-
-
-def table(folder: Path) -> list[TrialRow]:
-    path = folder / "sub-01" / "ses-01" / "trials.csv"
-    return read_rows(path) if path.exists() else []
+def kept_by(folder: Path) -> dict[Path, Recording]:
+    """Every recording that can be read, from its file or the database."""
+    session = folder / "sub-01" / "ses-01"
+    return {path: read_recording(path) for path in recordings_in(session)} if not is_half_created(session) else {}
 
 
 def check_after_kill(folder: Path, reference: Path | None) -> None:
-    """What a kill left is named by verify; recovered, every tick that was in a file is there, and no fault is left.
+    """A kill damages nothing and names what it cut off; opened, every tick that was there is there, and no fault.
 
     reference: the same study uninterrupted, if no earlier kill has touched this one: then all must be the same.
     """
-    if not folder.exists() or not any(folder.glob("sub-*")):
-        assert not folder.exists() or verify(folder)["faults"] == []
-        return
     session = folder / "sub-01" / "ses-01"
-    before, rows_before = streams(folder), table(folder)
+    if not folder.exists() or is_half_created(session):
+        return
+    before, rows_before, events_before = kept_by(folder), rows_of(session), read_events(session)
     named = {fault["file"] for fault in verify(folder)["faults"]}
-    for name, stream in before.items():
-        assert stream.whole or name in named, f"{name} is not whole and verify does not say so"
-        assert not [fault for fault in stream.damaged if not fault.startswith("header")], "a kill damages nothing"
-    begun = journal_summary(session).begun
-    done = recover(folder)
-    assert not done["faults"] and not done["not_rescued"], done
-    table_now = table(folder)  # it may have gained columns, too, that only its new rows fill
-    assert table_now[: len(rows_before)] == rows_before, "a row that was there has changed"
-    rows = {row.run: row for row in table_now}
-    assert set(begun) <= set(rows), "a trial that was begun has no row"
-    for name, stream in before.items():
-        if stream.columns:
-            kept = read_recording((folder / name).with_suffix(".parquet"))
-            assert kept.whole and kept.rows == stream.rows
-            assert all(np.array_equal(kept.columns[k], v, equal_nan=True) for k, v in stream.columns.items())
-    for run, row in rows.items():
-        if row.recording:
-            kept = read_recording(session / row.recording)
-            assert kept.whole
-            if reference:
-                true = read_recording(reference / "sub-01" / "ses-01" / "trials" / f"run-{run:03d}.parquet")
-                now, then = kept.columns, true.columns
-                assert all(np.array_equal(v, then[k][: kept.rows], equal_nan=True) for k, v in now.items())
+    for path, recording in before.items():
+        assert not recording.damaged, "a kill damages nothing"
+        assert recording.whole or path.relative_to(folder).as_posix() in named, (
+            "it was cut off and verify does not say so"
+        )
+    assert not journal_summary(session).faults
+    opened = Session.resume(folder, "01", sync=False)
+    opened.close()
+    assert not opened.repaired.not_repaired
+    assert {fault["file"] for fault in verify(folder)["faults"]} <= {"trials.csv"}, "the pooled table is the study's"
+    rows = {row.run: row for row in rows_of(session)}
+    assert list(rows.values())[: len(rows_before)] == rows_before, "a row that was there has changed"
+    assert read_events(session)[: len(events_before)] == events_before, "an event that was there has changed"
+    assert set(journal_summary(session).begun) <= set(rows), "a trial that was begun has no row"
+    for path, recording in before.items():
+        kept = read_recording(path)
+        assert kept.whole and kept.rows == recording.rows
+        assert all(np.array_equal(kept.columns[k], v, equal_nan=True) for k, v in recording.columns.items())
     if reference:
-        theirs = {row.run: row for row in read_rows(reference / "sub-01" / "ses-01" / "trials.csv")}
+        theirs = {row.run: row for row in rows_of(reference / "sub-01" / "ses-01")}
         assert all(row == theirs[run] for run, row in rows.items() if row.status in COUNTED)
+        for path in before:
+            now, then = read_recording(path).columns, read_recording(reference / path.relative_to(folder)).columns
+            assert all(np.array_equal(v, then[k][: len(v)], equal_nan=True) for k, v in now.items())
 
 
 def check_complete(folder: Path) -> None:
@@ -93,7 +89,7 @@ def check_complete(folder: Path) -> None:
 def trials_open(folder: Path) -> int:
     """How many trials of the plan are not settled."""
     session = folder / "sub-01" / "ses-01"
-    return len(open_trials(read_stored(session).plan, rows_of(session))) if (session / "session.json").exists() else 20
+    return len(open_trials(read_stored(session).plan, rows_of(session))) if not is_half_created(session) else 20
 
 
 def trials_s(folder: Path) -> float:
@@ -103,7 +99,7 @@ def trials_s(folder: Path) -> float:
 
 
 def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed: int) -> Counter:
-    """Kill studies, resumed studies and recoveries at random moments until `kills` have hit: most while trials run,
+    """Kill studies and resumed studies at random moments until `kills` have hit: most while trials run,
     some while the figures are drawn."""
     generator = np.random.default_rng(seed)
     seen: Counter = Counter()
@@ -113,7 +109,7 @@ def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed:
         chain += 1
         start = [*phd.study, "--out", str(folder)]
         while True:
-            resume = (folder / "study.json").exists()
+            resume = (folder / STUDY).exists()
             still_open = trials_open(folder)
             wait = generator.uniform(0.0, trial_s * still_open + 0.05)
             if seen["kills"] >= kills or (not still_open and generator.random() < 0.7):
@@ -123,10 +119,7 @@ def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed:
                 assert ended["code"] == 0, ended
                 break
             seen["kills"] += 1
-            while seen["kills"] < kills and (folder / "study.json").exists() and generator.random() < 0.3:
-                if phd.run(generator.uniform(0.0, 0.06), phd=["recover", str(folder)])["killed"]:
-                    seen["kills"] += 1
-            if generator.random() < 0.8:  # else the resumed study recovers by itself
+            if generator.random() < 0.8:  # else the resumed study closes it by itself
                 check_after_kill(folder, reference if fresh and not resume else None)
             fresh = fresh and not resume
         check_complete(folder)

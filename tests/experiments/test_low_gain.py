@@ -10,6 +10,7 @@ from sessions import new_session
 from app.cli import main
 from core.files import InputError
 from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
+from experiments.store.study_plan import read_study
 from experiments.study.unrecorded import DETECTED_M_S2, GAINS, study_trials, vibrations, with_low_gain_found
 
 
@@ -65,7 +66,7 @@ def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it_as
     asked = ["study", str(path), "--operators", "1", "--out", str(out)]
     assert main([*asked, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    stored = json.loads((out / "study.json").read_text())["protocol"]["overrides"]
+    stored = read_study(out).protocol.overrides
     assert told["low_gain_N_s_m"] == stored["low_gain_found"] in GAINS
     assert "(no vibration)" in (out / "report" / "report.md").read_text()
     assert main([*asked, "--resume", "--low-gain", "no vibration"]) == 0

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recorded import record
 
 from core import tick_log
 from core.control import algorithm
@@ -32,9 +33,8 @@ from experiments.analysis.movement import (
 )
 from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording, Sensors, recording_of
-from experiments.recording.writer import RecordingWriter
+from experiments.recording import Recording, Sensors, recording_of
+from experiments.store.reader import read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 USE_SDOF = control.DECISIONS.index("sdof A")
@@ -245,9 +245,7 @@ def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
     rows[:, tick_log.WANTED_FX] = 10.0
     rows[:, [tick_log.FORWARD_X, tick_log.PATH_DISTANCE, tick_log.HAND_FY]] = 1.0
     about = {steering.KEY: steering.to_metadata(load_device("three-brake"))}
-    with RecordingWriter(tmp_path / "run-001.arrows", "AEB", about, sync=False) as writer:
-        writer.write(rows)
-    from_file = measured(read_recording(tmp_path / "run-001.arrows"))
+    from_file = measured(read_recording(record(tmp_path, rows, metadata=about)))
     move = slice(600, 2900)
     tip = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
     deviation = np.abs(tip[move, 1] - 0.4)

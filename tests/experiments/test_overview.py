@@ -1,19 +1,20 @@
 """What a data folder holds, at a glance; and the form that a participant fills in, from the session to its export."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
 from exports import errors
 from protocols import changed, protocol_of, short
-from sessions import closed_session, new_session, run_trials
+from sessions import closed_session, move_to_the_end, new_session, run_trials
 
 from core.files import InputError
 from experiments.export.export import export
-from experiments.session.files import TABLE
-from experiments.session.overview import scan_folder
-from experiments.session.session import Participant, Session
+from experiments.store.overview import scan_folder
+from experiments.store.session import Participant, Session
+from experiments.store.stored import read_stored
+from experiments.store.study_plan import StudyPlan, write_study
+from experiments.trial.population import load_population
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\nfirst_time = ["yes", "no"]\nremarks = "text"\n'
 
@@ -41,7 +42,7 @@ def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Pat
 
 def test_a_study_counts_the_operators_that_are_still_to_come(tmp_path: Path) -> None:
     closed_session(tmp_path, 2, participant="01", protocol=short(1))
-    (tmp_path / "study.json").write_text(json.dumps({"operators": 3}))
+    write_study(tmp_path, StudyPlan(3, short(1), load_population()))
     overview = scan_folder(tmp_path)
     assert (overview.operators, overview.done, overview.planned) == (3, 2, 60)
 
@@ -54,9 +55,9 @@ def test_a_folder_without_sessions_and_a_session_that_is_damaged_are_named(tmp_p
     session = new_session(tmp_path / "data", "01", short(1))
     session.close()
     assert scan_folder(tmp_path / "data").sessions[0].done == 0
-    (session.folder / TABLE).write_text("participant,run\n01,one\n")
+    (session.folder / "session.db").write_bytes(b"x" * 9000)
     (damaged,) = scan_folder(tmp_path / "data").sessions
-    assert TABLE in damaged.problem and not damaged.complete
+    assert "session.db" in damaged.problem and not damaged.complete
 
 
 def test_a_form_is_kept_with_the_session_and_exported_with_the_participants(tmp_path: Path) -> None:
@@ -64,11 +65,13 @@ def test_a_form_is_kept_with_the_session_and_exported_with_the_participants(tmp_
     answers = {"handedness": "left", "age": 27.0, "first_time": "yes", "remarks": "a, b"}
     session = Session(tmp_path / "data", Participant("01", form=answers), protocol, sync=False)
     session.close()
-    assert json.loads((session.folder / "session.json").read_text())["form"] == answers
-    operated = closed_session(tmp_path / "data", 1, participant="02", protocol=protocol)
-    shutil.copytree(operated.folder / "trials", session.folder / "trials", dirs_exist_ok=True)
-    text = (operated.folder / TABLE).read_text()
-    (session.folder / TABLE).write_text(text.replace("\n02,", "\n01,"))
+    assert read_stored(session.folder).about["form"] == answers
+    closed_session(tmp_path / "data", 1, participant="02", protocol=protocol)
+    session = Session.resume(tmp_path / "data", "01", sync=False)
+    trial, writer = session.begin(session.next_planned())
+    move_to_the_end(trial, writer)
+    session.finish(trial, writer)
+    session.close()
     export(tmp_path / "data", {"bids": tmp_path / "bids"})
     lines = [line.split("\t") for line in (tmp_path / "bids" / "participants.tsv").read_text().splitlines()]
     header = ["participant_id", "species", "age", "sex", "handedness", "first_time", "remarks", "hand"]

@@ -21,9 +21,9 @@ from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_writer import Variant, save_protocol, save_variant
-from experiments.recording.reader import read_recording
-from experiments.session.metadata import preset_from_json, preset_to_json
-from experiments.session.session import Participant, Session
+from experiments.store.metadata import preset_from_json, preset_to_json
+from experiments.store.reader import read_recording
+from experiments.store.session import Participant, Session
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
@@ -83,8 +83,8 @@ def test_a_blind_sessions_recordings_name_the_same_decisions_for_every_controlle
     words = set()
     for planned in session.plan:
         _, writer = session.begin(planned)
-        writer.abandon()
-        words.add(read_recording(writer.path).words["decision"])
+        path = session.folder / "trials" / f"run-{planned.run:03d}.parquet"
+        words.add(read_recording(path).words["decision"])
     session.close()
     assert len(session.plan) == 2 and words == {(*DECISIONS, *CODED)}
 

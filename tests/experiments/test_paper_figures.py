@@ -23,6 +23,7 @@ from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import STYLE, figure_bytes
+from experiments.atomic_files import write_new_files
 from experiments.paper_figures import Drawn, draw_all, pictures, scooter
 from experiments.paper_figures.brake import brake_of, step_response, torque_as_worded, torque_with_play
 from experiments.paper_figures.control import clearest_choice, five_forces
@@ -37,7 +38,6 @@ from experiments.paper_figures.displays import displays, measure_display
 from experiments.paper_figures.spring_release import RELEASE_S, places, release
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.protocol import load_protocol
-from experiments.recording.atomic_files import write_new_files
 from experiments.simulate.cobot_scene import CobotRun
 
 DEVICES = {bar.name: bar for bar in (THREE, FOUR)}

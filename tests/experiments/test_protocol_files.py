@@ -209,7 +209,7 @@ def test_a_protocol_takes_a_shipped_language_or_a_file_and_keeps_it_when_the_fil
     own.write_text(GERMAN.replace('go = "Los"', 'go = "Start"'), encoding="utf-8")
     stored = protocol_to_json(load_protocol(with_lines(tmp_path, 'language = "nl.toml"')))
     own.unlink()
-    assert protocol_from_json(stored, "session.json").sentences["go"] == "Start"
+    assert protocol_from_json(stored, "session.db").sentences["go"] == "Start"
     with pytest.raises(InputError, match="mine.toml: language: unknown language 'nl.toml'"):
         load_protocol(tmp_path / "mine.toml")
 
@@ -221,7 +221,7 @@ def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> No
     path = with_lines(tmp_path, text=PAPER + pages)
     stored = protocol_to_json(load_protocol(path))
     (tmp_path / "grip.png").unlink()
-    assert protocol_from_json(stored, "session.json").pages == (("Hold the handle.", picture), ("Go on.", b""))
+    assert protocol_from_json(stored, "session.db").pages == (("Hold the handle.", picture), ("Go on.", b""))
     with pytest.raises(InputError, match="instruction: .*grip.png: no such file"):
         load_protocol(path)
     with pytest.raises(InputError, match="instruction: picture: the path is not valid"):

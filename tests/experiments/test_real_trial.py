@@ -1,6 +1,5 @@
 """A trial on the bench, over a board in simulated time: the simulated device's trial but for sensors and wire."""
 
-import json
 import pickle
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,14 +8,15 @@ import numpy as np
 import pytest
 from protocols import PAPER
 from real_bench import PATH, RealBench, drawn
+from recorded import record
 from simulated_bench import TIP
 
 from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
-from experiments.recording.schema import Sensors
-from experiments.recording.writer import RecordingWriter, convert_to_parquet
+from experiments.recording import Sensors
+from experiments.store.reader import read_recording
 from experiments.study.replay import check_decisions
 from experiments.trial.trial import Conditions, SimulatedTrial
 
@@ -55,10 +55,7 @@ def simulated(device, controller: int, seed: int) -> np.ndarray:
 
 def recorded(rows: np.ndarray, device, outcome: dict, path: Path, sensors: Sensors | None):
     """Written, closed, turned into Parquet and read back."""
-    with RecordingWriter(path, device.braked, {"participant": "01"}, sync=False, sensors=sensors) as writer:
-        writer.write(rows)
-        writer.close(json.loads(json.dumps(outcome)))
-    return convert_to_parquet(path, sync=False)
+    return read_recording(record(path.parent / path.stem, rows, device.braked, outcome, sensors=sensors))
 
 
 @pytest.mark.parametrize(("device", "controller", "seed"), [("four-brake", 2, 3), ("three-brake", 3, 6)])

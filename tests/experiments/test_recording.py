@@ -2,45 +2,51 @@
 
 import contextlib
 import json
-import shutil
+import sqlite3
+import stat
 import sys
-import zlib
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from disks import fill_up, full
-from recorded import NAMES, assert_holds, batch_ends, record, ticks
+from disks import Disk, full
+from recorded import NAMES, assert_holds, record, ticks
 
 from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
-from experiments.recording import atomic_files
-from experiments.recording import writer as recording_writer
-from experiments.recording.atomic_files import TRIES, retry_while_locked
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import same_content
-from experiments.recording.writer import RecordingWriter, convert_to_parquet
-from tests.support.rows import write_rows
+from experiments import atomic_files
+from experiments.analysis.trials_table import as_table, write_table
+from experiments.atomic_files import TRIES, retry_while_locked
+from experiments.recording import Sensors
+from experiments.store import parquet
+from experiments.store import writer as recording_writer
+from experiments.store.database import DATABASE, Database
+from experiments.store.reader import read_recording
+from experiments.store.settle import close_trial
+from experiments.store.writer import RecordingWriter
 
 
 @pytest.fixture
-def path(tmp_path):
-    return tmp_path / "run-001.arrows"
+def database(tmp_path):
+    with Database(tmp_path, "2" * 32, sync=False) as database:
+        yield database
 
 
-def flip(data: bytes, place: int, bit: int) -> bytes:
-    flipped = bytearray(data)
-    flipped[place] ^= 1 << bit
-    return bytes(flipped)
+def begun(database: Database, run: int = 1) -> RecordingWriter:
+    return RecordingWriter(database, ("trials", run), "AEB", {})
 
 
+def recording_of(database: Database, run: int = 1):
+    return read_recording(database.path.parent / "trials" / f"run-{run:03d}.parquet")
+
+
+@pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("braked", ["AEBC", "AEB", "A", "", "BC"])
-def test_columns_are_the_promised_ones_without_those_of_missing_brakes(path, braked):
+def test_columns_are_the_promised_ones_without_those_of_missing_brakes(tmp_path, braked, closed):
     rows = ticks(50)
-    recording = read_recording(record(path, rows, braked))
+    recording = read_recording(record(tmp_path, rows, braked, closed=closed))
     missing = {f"{kind}_{joint}_{unit}" for joint in "AEBC" if joint not in braked
                for kind, unit in (("current", "A"), ("torque", "N_m"))}  # fmt: skip
     promised = [name for name in NAMES if name not in missing]
@@ -48,13 +54,16 @@ def test_columns_are_the_promised_ones_without_those_of_missing_brakes(path, bra
     assert_holds(recording, rows)
 
 
-def test_reading_back_gives_every_tick_the_words_metadata_and_outcome(path):
+@pytest.mark.parametrize("closed", [True, False])
+def test_reading_back_gives_every_tick_the_words_metadata_and_outcome(tmp_path, closed):
     rows = ticks(3456)
     rows[7, tick_log.HAND_FX] = np.nan  # a sensor that failed is recorded as it was
     rows[8, tick_log.HAND_FX] = -np.inf
-    recording = read_recording(record(path, rows, pieces=7, outcome={"status": "timeout"}))
+    rows[9, tick_log.HAND_FX] = -0.0
+    recording = read_recording(record(tmp_path, rows, pieces=7, outcome={"status": "timeout"}, closed=closed))
     assert recording.whole and recording.rows == 3456
     assert_holds(recording, rows)
+    assert np.signbit(recording.column("hand_fx_N")[9])
     assert recording.metadata == {"participant": "01"} and recording.outcome == {"status": "timeout"}
     assert list(recording.text("decision")) == [DECISIONS[int(code)] for code in rows[:, tick_log.DECISION]]
     assert list(recording.text("stuck")) == [tick_log.STUCK_LETTERS[int(code)] for code in rows[:, tick_log.STUCK]]
@@ -63,308 +72,249 @@ def test_reading_back_gives_every_tick_the_words_metadata_and_outcome(path):
         recording.column("current_C_A")
 
 
-def test_any_arrow_program_reads_the_stream_its_end_record_and_the_zip_checksum_of_each_batch(path):
-    data = record(path, ticks(2500)).read_bytes()
-    source = pa.BufferReader(data)
-    stream, start, batches = pa.ipc.open_stream(source), batch_ends(path)[0][0], []
-    with pytest.raises(StopIteration):
-        while True:
-            batches.append(stream.read_next_batch_with_custom_metadata())
-            message, start = data[start : source.tell()], source.tell()
-            digits = batches[-1][1]["crc32"]
-            assert message.count(digits) == 1
-            assert int(digits, 16) == zlib.crc32(message.replace(digits, b"\x18" * 8))
-    *ticks_of, (last, about) = batches
-    assert [batch.num_rows for batch, _ in ticks_of] == [1000, 1000, 500]
-    assert last.num_rows == 0 and last.schema == ticks_of[0][0].schema and about["end"] == b"end"
-    assert [int(about["sequence"]) for _, about in batches] == [0, 1, 2, 3]
-    assert [int(about["first_row"]) for _, about in batches] == [0, 1000, 2000, 2500]
-    assert ticks_of[0][0].schema.field("phase").type == pa.dictionary(pa.int8(), pa.string())
+def test_any_parquet_program_reads_the_file_and_its_ticks_have_left_the_database(tmp_path):
+    rows = ticks(2345)
+    path = record(tmp_path, rows, "AEBC")
+    table = pq.read_table(path)
+    assert table.column_names[: len(NAMES)] == list(NAMES) and table.num_rows == 2345
+    assert table.column("decision").to_pylist() == [DECISIONS[int(code)] for code in rows[:, tick_log.DECISION]]
+    assert json.loads(table.schema.metadata[b"phd"])["metadata"] == {"participant": "01"}
+    assert json.loads(pq.read_metadata(path).metadata[b"outcome"]) == {"status": "done"}
+    with contextlib.closing(sqlite3.connect(tmp_path / DATABASE)) as db:
+        assert db.execute("SELECT count(*) FROM ticks").fetchone() == (0,)
+    assert not list(path.parent.glob(".*"))
 
 
-def test_a_stream_cut_anywhere_gives_back_every_whole_batch_and_lacks_its_end(path):
-    rows = ticks(700)
-    data, ends = record(path, rows, pieces=5, flush=True).read_bytes(), batch_ends(path)
-    generator = np.random.default_rng(1)
-    edges = [end + shift for end, _ in ends for shift in (-1, 0, 1)]
-    cuts = {0, 1, len(data) - 1, len(data) - 8, *edges, *map(int, generator.integers(0, len(data), 120))}
-    for cut in sorted(cut for cut in cuts if cut < len(data)):
-        path.write_bytes(data[:cut])
-        recording = read_recording(path)
-        whole = max((count for end, count in ends if end <= cut), default=0)
-        assert not recording.complete and not recording.whole and recording.rows == whole, cut
-        if whole:
-            assert_holds(recording, rows[:whole])
-        if cut >= ends[0][0]:
-            assert recording.damaged == [], cut  # a clean cut is no damage
-        with pytest.raises(InputError, match="not converted"):
-            convert_to_parquet(path)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such modes")
+def test_files_and_folders_are_their_users_own(tmp_path):
+    path = record(tmp_path / "new", ticks(20))
+    modes = {
+        place.name: stat.S_IMODE(place.stat().st_mode) for place in (path, path.parent, tmp_path / "new" / DATABASE)
+    }
+    assert modes == {path.name: 0o600, "trials": 0o700, DATABASE: 0o600}
 
 
-def test_a_parquet_file_cut_anywhere_is_not_whole(path):
-    path = convert_to_parquet(record(path, ticks(600))).path
-    data = path.read_bytes()
-    for cut in np.random.default_rng(7).integers(0, len(data), 150):
-        path.write_bytes(data[:cut])
-        assert not read_recording(path).whole, cut
+@pytest.mark.parametrize("count", [0, 1])
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_recording_of_hardly_anything_is_read(tmp_path, count, closed):
+    recording = read_recording(record(tmp_path, ticks(count), closed=closed))
+    assert recording.whole and recording.rows == count and recording.words["decision"] == DECISIONS
 
 
-@pytest.mark.parametrize("suffix", [".arrows", ".parquet"])
-def test_no_changed_bit_goes_unnoticed_and_no_changed_row_is_returned(path, suffix):
-    rows = ticks(300)
-    record(path, rows, pieces=3, flush=True)
-    header_end = batch_ends(path)[0][0]
-    if suffix == ".parquet":
-        path = convert_to_parquet(path).path
-    data = path.read_bytes()
-    generator = np.random.default_rng(2)
-    places = {*map(int, generator.integers(0, len(data), 250)), *range(len(data) - 60, len(data))}
-    if suffix == ".arrows":
-        places |= {*range(0, header_end, 29), *range(header_end, header_end + 2000, 13)}
-    for place in sorted(places):
-        path.write_bytes(flip(data, place, int(generator.integers(8))))
-        recording = read_recording(path)
-        assert not recording.whole, place
-        if suffix == ".arrows" and recording.rows:  # what is returned is a selection of the true rows
-            kept = np.searchsorted(rows[:, tick_log.T], recording.column("t_s"))
-            assert len(kept) >= 200
-            assert_holds(recording, rows[kept])
+def test_a_long_recording_is_written_in_pieces_and_read_column_by_column(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.store.reader.PIECE_ROWS", 2000)
+    monkeypatch.setattr("experiments.store.reader.LONG_ROWS", 5000)
+    rows = ticks(7500)
+    path = record(tmp_path, rows, pieces=5)
+    assert pq.ParquetFile(path).num_row_groups == 4
+    recording = read_recording(path)
+    assert isinstance(recording.columns, parquet.LongColumns) and recording.whole and recording.rows == 7500
+    assert_holds(recording, rows)
+    assert "nothing" not in recording.columns and len(recording.columns) > 40
 
 
-def test_damage_inside_costs_one_batch_and_names_it(path):
-    rows = ticks(500)
-    data, ends = record(path, rows, pieces=5, flush=True).read_bytes(), batch_ends(path)
-    for place in (ends[2][0] - 30, ends[1][0] + 5, ends[1][0]):  # a value, the message's length, its marker
-        path.write_bytes(flip(data, place, 6))
-        recording = read_recording(path)
-        assert recording.complete and recording.damaged == ["batch 1 (rows 100 to 199): damaged"]
-        assert_holds(recording, np.delete(rows, np.s_[100:200], axis=0))
-
-
-def test_an_existing_file_is_never_overwritten(path, tmp_path):
-    before = record(path, ticks(10)).read_bytes()
-    with pytest.raises(InputError, match="exists already"):
-        RecordingWriter(path, "AEB", {})
-    assert path.read_bytes() == before
-    with pytest.raises(InputError, match="cannot be created"):
-        RecordingWriter(tmp_path / "no folder" / "run-001.arrows", "AEB", {})
+def test_raw_signals_of_a_device_on_the_bench_are_recorded(tmp_path):
+    rows = np.zeros((30, tick_log.BENCH_WIDTH))
+    rows[:, tick_log.T] = np.arange(30) / 1000.0
+    rows[:, tick_log.COUNT] = 7.0
+    recording = read_recording(record(tmp_path, rows, "AB", sensors=Sensors("AB", 2)))
+    assert recording.sensors == Sensors("AB", 2) and "board_us" in recording.columns
 
 
 @pytest.mark.parametrize("braked, metadata", [("BA", {}), ("X", {}), ("AA", {}), ("A", {"x": object()})])
-def test_a_recording_that_cannot_be_described_is_refused_before_a_file_exists(path, braked, metadata):
+def test_a_recording_that_cannot_be_described_is_refused(database, braked, metadata):
     with pytest.raises(InputError, match="recording"):
-        RecordingWriter(path, braked, metadata)
-    assert not path.exists()
+        RecordingWriter(database, ("trials", 1), braked, metadata)
+    with pytest.raises(InputError, match="no such recording"):
+        database.commit()
+        recording_of(database)
 
 
-def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(path):
+def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(database):
     rows = ticks(150)
     ring = rows.copy()
-    with pytest.raises(ZeroDivisionError), RecordingWriter(path, "AEB", {}) as writer:
+    with pytest.raises(ZeroDivisionError), begun(database) as writer:
         writer.write(ring)
         ring[:] = np.nan  # what was given was copied
         raise ZeroDivisionError
-    recording = read_recording(path)
+    recording = recording_of(database)
     assert not recording.complete and recording.damaged == []
     assert_holds(recording, rows)
-    with pytest.raises(ValueError, match="closed"):
-        writer.write(rows)
 
 
-def test_rows_reach_the_file_in_time_for_a_kill_and_the_disk_in_time_for_a_power_cut(path, monkeypatch):
-    now, syncs = [100.0], []
+def test_ticks_are_on_the_disk_in_time_for_a_kill_or_a_power_cut(tmp_path, monkeypatch):
+    """As `sync` says, each commit waits for the disk; 20 ticks every 20 ms, as while a person moves."""
+    now, commits = [100.0], []
     monkeypatch.setattr(recording_writer.time, "perf_counter", lambda: now[0])
-    monkeypatch.setattr(recording_writer.os, "fsync", lambda handle: syncs.append(now[0]))
-    writer = RecordingWriter(path, "AEB", {})
-    syncs.clear()
-    for chunk in np.array_split(ticks(2000), 100):  # 20 ticks every 20 ms, as while a person moves
+    database = Database(tmp_path, "3" * 32)
+    commit = database.commit
+    monkeypatch.setattr(database, "commit", lambda: (commits.append(now[0]), commit()))
+    writer = begun(database)
+    for chunk in np.array_split(ticks(2000), 100):
         now[0] += 0.02
         writer.write(chunk)
-        assert writer.rows - writer.rows_written <= 120
-    assert read_recording(path).rows >= 1880  # while it is still open
-    assert 5 <= len(syncs) <= 8  # 2 s; at most every 0.25 s
-    assert min(np.diff(syncs)) >= 0.25 and max(np.diff(syncs)) < 0.25 + 0.03
+        assert writer.rows - writer.written.ticks <= 220
+    assert recording_of(database).rows >= 1780  # while it is still open
+    assert max(np.diff(commits)) <= 0.25
     writer.close()
-    assert read_recording(path).rows == 2000
+    database.close()
+    assert recording_of(database).rows == 2000
 
 
-def take_away(path, way):
-    """In the middle of a recording: its file, its folder, or the disk that the folder is on."""
-    if way == "the file":
-        path.unlink()
-    elif way == "the folder":
-        shutil.rmtree(path.parent)
+@pytest.fixture
+def disk(monkeypatch) -> Disk:
+    return Disk(monkeypatch)
+
+
+@pytest.mark.parametrize("room", range(6))
+def test_wherever_a_disk_is_full_no_tick_is_lost_once_it_has_room(disk, tmp_path, room):
+    rows = ticks(4000)
+    with Database(tmp_path, "2" * 32, sync=False) as database:
+        writer = begun(database)
+        disk.room, disk.refuses = room, full
+        for piece in np.array_split(rows, 4):
+            with contextlib.suppress(OSError):
+                writer.write(piece)
+                writer.flush()
+        writer.close({"status": "done"})
+        with contextlib.suppress(OSError):
+            database.commit()
+            close_trial(tmp_path, database, writer.trial, sync=False)
+            database.commit()
+        assert database.trouble is None or "No space left" in str(database.trouble)
+        disk.refuses = None
+        database.commit()
+        close_trial(tmp_path, database, writer.trial, sync=False)
+        database.commit()
+        assert database.trouble is None and database.pending == database.pending_ticks == database.pending_bytes == 0
+    assert_holds(recording_of(database), rows)
+    assert recording_of(database).whole and len(list((tmp_path / "trials").iterdir())) == 1
+
+
+def test_what_the_disk_refuses_is_counted_and_too_much_of_it_is_said(disk, tmp_path, monkeypatch):
+    database = Database(tmp_path, "2" * 32, sync=False)
+    writer = begun(database)
+    writer.write(ticks(1000))
+    writer.flush()
+    disk.refuses = full
+    monkeypatch.setattr(recording_writer, "MOST_IN_MEMORY", 200_000)
+    writer.write(ticks(1500))
+    with pytest.raises(OSError, match="No space left"):
+        writer.flush()
+    assert database.pending_ticks == 1500 and writer.written.ticks == 1000
+    monkeypatch.setattr(recording_writer, "MOST_IN_MEMORY", database.pending_bytes - 1)
+    assert writer.is_full
+    disk.refuses = None
+    writer.flush()
+    assert not writer.is_full and writer.written.ticks == 2500
+    database.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no folder that is in use")
+@pytest.mark.parametrize("back", [True, False])
+def test_a_session_whose_folder_vanishes_keeps_its_ticks_until_it_is_back(tmp_path, back):
+    folder = tmp_path / "ses-01"
+    folder.mkdir()
+    rows, database = ticks(3000), Database(folder, "2" * 32)
+    writer = begun(database)
+    writer.write(rows[:1000])
+    writer.flush()
+    folder.rename(tmp_path / "elsewhere")
+    for piece in np.array_split(rows[1000:], 4):
+        writer.write(piece)
+        with pytest.raises(FileNotFoundError):
+            writer.flush()
+    assert database.pending_ticks == 2000
+    if back:
+        (tmp_path / "elsewhere").rename(folder)
+        database.reopen()
+        writer.close({"status": "done"})
+        database.close()
+        assert_holds(recording_of(database), rows)
     else:
-        path.parent.rename(path.parent.with_name("elsewhere"))
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no file that is in use")
-@pytest.mark.parametrize("way", ["the file", "the folder", "the disk"])
-def test_a_recording_whose_file_vanishes_says_so_once_and_is_saved_whole_when_there_is_a_place_again(tmp_path, way):
-    path = tmp_path / "trials" / "run-001.arrows"
-    path.parent.mkdir()
-    rows, writer = ticks(5000), RecordingWriter(path, "AEB", {})
-    writer.write(rows[:1000])
-    take_away(path, way)
-    with pytest.raises(FileNotFoundError):
-        writer.write(rows[1000:2000])
-    for piece in np.array_split(rows[2000:], 7):
-        writer.write(piece)  # said once: from now on the ticks go to memory
-    with pytest.raises(FileNotFoundError):
-        writer.close({"status": "done"})
-    assert writer.lost == 0 and not writer.is_stored() and not path.exists()
-    if way == "the folder":
-        with pytest.raises(InputError):
-            writer.save(path.parent / "not there" / "trials" / path.name)
-    elif way == "the disk":
-        path.parent.with_name("elsewhere").rename(path.parent)  # with what was written until then
-        assert 0 < read_recording(path).rows < 5000
-    writer.save()
-    assert writer.is_stored()
-    recording = read_recording(path)
-    assert recording.whole and recording.outcome == {"status": "done"}
-    assert_holds(recording, rows)
-
-
-@pytest.mark.parametrize("room", [0, 300, 20_000, 200_000])
-def test_wherever_a_disk_is_full_no_tick_is_lost_once_it_has_room(path, room):
-    rows, writer = ticks(4000), RecordingWriter(path, "AEB", {})
-    with pytest.MonkeyPatch.context() as patch:
-        fill_up(patch, room)
-        with contextlib.suppress(OSError):
-            writer.write(rows[:1500])
-        with contextlib.suppress(OSError):
-            writer.write(rows[1500:])
-        with pytest.raises(OSError, match="No space left"):
-            writer.close({"status": "done"})
-        with pytest.raises(OSError, match="No space left"):
-            full_save(writer, patch)
-    writer.save()
-    assert_holds(read_recording(path), rows)
-    assert read_recording(path).whole and list(path.parent.iterdir()) == [path]
-
-
-def full_save(writer, patch):
-    patch.setattr("experiments.recording.atomic_files.written_beside", full)
-    writer.save()
-
-
-def test_what_stands_where_a_recording_in_memory_belongs_is_set_aside(tmp_path):
-    path = tmp_path / "trials" / "run-001.arrows"
-    path.parent.mkdir()
-    writer = RecordingWriter(path, "AEB", {})
-    shutil.rmtree(path.parent)
-    with pytest.raises(FileNotFoundError):
-        writer.close()
-    path.parent.mkdir()
-    path.write_bytes(b"somebody else's")
-    writer.save()
-    assert path.with_name("run-001.arrows.other").read_bytes() == b"somebody else's" and read_recording(path).whole
-
-
-def test_ticks_that_neither_disk_nor_memory_takes_are_counted_and_the_recording_does_not_claim_to_be_whole(
-    path, monkeypatch
-):
-    rows, writer = ticks(4000), RecordingWriter(path, "AEB", {}, sync=False)
-    writer.write(rows[:1000])
-    monkeypatch.setattr(recording_writer, "MOST_IN_MEMORY", writer.bytes_written + 1000)
-    with monkeypatch.context() as patch:
-        fill_up(patch, 0)
-        with pytest.raises(OSError, match="No space left"):
-            writer.write(rows[1000:2000])
-        assert writer.lost == 0
-        writer.write(rows[2000:3500])
-        assert writer.lost == 1500 and writer.rows == 3500
-        with pytest.raises(OSError, match="No space left"):
-            writer.close({"status": "done"})
-    writer.save()
-    kept = read_recording(path)
-    assert not kept.complete and kept.rows == 2000 == writer.rows - writer.lost
-
-
-def test_a_recording_too_long_for_memory_is_in_its_file_and_what_comes_after_the_disk_is_counted_as_lost(
-    path, monkeypatch
-):
-    monkeypatch.setattr(recording_writer, "MOST_IN_MEMORY", 10_000)
-    rows, writer = ticks(3000), RecordingWriter(path, "AEB", {}, sync=False)
-    writer.write(rows[:2000])
-    fill_up(monkeypatch, 0)
-    with pytest.raises(OSError, match="No space left"):
-        writer.write(rows[2000:])
-    assert (writer.lost, writer.rows_written) == (1000, 2000)
-    with pytest.raises(OSError, match="No space left"):
-        writer.close({"status": "done"})
-    with pytest.raises(InputError, match="not in memory"):
-        writer.save()
-    assert read_recording(path).rows == 2000 and not read_recording(path).complete
+        folder.mkdir()
+        with Database(folder, "4" * 32) as other:
+            begun(other).flush()
+        with pytest.raises(InputError, match="another session"):
+            database.reopen()
+        with pytest.raises(OSError):
+            database.close()
 
 
 @pytest.mark.parametrize("column, value", [
     (tick_log.DECISION, len(DECISIONS)), (tick_log.PHASE, 0.5), (tick_log.STUCK, -1), (tick_log.PHASE, np.nan)
 ])  # fmt: skip
-def test_a_tick_with_a_code_without_a_word_is_refused(path, column, value):
-    rows = ticks(1500)
-    rows[3, column] = value
+def test_a_tick_with_a_code_without_a_word_is_refused_and_the_rest_is_kept(database, column, value):
+    rows, writer = ticks(1500), begun(database)
+    writer.write(rows[:600])
+    writer.flush()
+    rows[700, column] = value
     with pytest.raises(ValueError, match="without a word"):
-        RecordingWriter(path, "AEB", {}, sync=False).write(rows)
+        writer.write(rows[600:])
+        writer.flush()
+    writer.close({"status": "stopped"})
+    database.commit()
+    close_trial(database.path.parent, database, writer.trial, sync=False)
+    database.commit()
+    assert_holds(recording_of(database), rows[:600])
+    assert recording_of(database).whole
 
 
-def test_parquet_holds_the_same_as_the_stream_which_then_goes(path, tmp_path):
-    rows = ticks(2345)
-    rows[5, tick_log.HAND_FX], rows[6, tick_log.HAND_FX] = np.nan, -0.0
-    stream = read_recording(record(path, rows, "AEBC"))
-    returned = convert_to_parquet(path)
-    target = returned.path
-    assert target == tmp_path / "run-001.parquet" and sorted(tmp_path.iterdir()) == [target]
-    back = read_recording(target)
-    assert back.whole and same_content(back, stream) and same_content(back, returned)
-    table = pq.read_table(target)  # any Parquet reader
-    assert table.column_names[: len(NAMES)] == list(NAMES) and table.num_rows == 2345
-    assert table.column("decision").to_pylist() == list(stream.text("decision"))
-    assert json.loads(table.schema.metadata[b"phd"])["metadata"] == {"participant": "01"}
+def test_closing_again_finishes_what_a_crash_left(database):
+    rows, writer = ticks(100), begun(database)
+    writer.write(rows)
+    writer.close({"status": "done"})
+    database.commit()
+    folder = database.path.parent
+    close_trial(folder, database, writer.trial, sync=False)  # killed before the commit: the file is there
+    kept = (folder / "trials" / "run-001.parquet").read_bytes()
+    (folder / "trials" / ".run-001.parquet.partial").write_bytes(b"half")
+    assert not recording_of(database).damaged and recording_of(database).rows == 100
+    close_trial(folder, database, writer.trial, sync=False)
+    database.commit()
+    assert (folder / "trials" / "run-001.parquet").read_bytes() == kept
+    assert recording_of(database).whole and not (folder / "trials" / ".run-001.parquet.partial").exists()
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_a_recording_of_hardly_anything_survives_conversion(path, count):
-    assert read_recording(record(path, ticks(count))).whole
-    back = convert_to_parquet(path)
-    assert back.whole and back.rows == count and back.words["decision"] == DECISIONS
+def test_a_file_that_is_not_what_was_written_stops_the_closing_and_the_ticks_stay(database, monkeypatch):
+    rows, writer = ticks(100), begun(database)
+    writer.write(rows)
+    writer.close({"status": "done"})
+    database.commit()
+    write = parquet.write_parquet
+
+    def wrong(path, text, outcome, pieces):
+        write(path, text, outcome, [piece + (np.arange(len(piece)) == 2)[:, None] * 1e-9 for piece in pieces])
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="differs from what was written"):
+        patch.setattr("experiments.store.settle.write_parquet", wrong)
+        close_trial(database.path.parent, database, writer.trial, sync=False)
+    assert not list((database.path.parent / "trials").iterdir())
+    assert recording_of(database).rows == 100
 
 
-def test_conversion_never_overwrites_and_finishes_what_a_crash_left(path, tmp_path):
-    data = record(path, ticks(100)).read_bytes()
-    target = convert_to_parquet(path).path
-    kept = target.read_bytes()
-    path.write_bytes(data)  # as if killed between naming the new file and removing the stream
-    (tmp_path / ".run-001.parquet.partial").write_bytes(b"half")
-    assert convert_to_parquet(path).path == target
-    assert target.read_bytes() == kept and not path.exists()
-    record(path, ticks(100, seed=5))
-    with pytest.raises(InputError, match="differs"):
-        convert_to_parquet(path)
-    assert target.read_bytes() == kept and path.exists()
-
-
-def test_same_content_looks_at_every_bit_and_word(tmp_path):
-    recordings = []
-    for k, change in enumerate([None, (tick_log.TIP_X, 1e-300), (tick_log.TIP_X, -0.0), (tick_log.DECISION, 1.0)]):
-        rows = ticks(20)
-        rows[3, [tick_log.TIP_X, tick_log.DECISION]] = 0.0
-        if change:
-            rows[3, change[0]] = change[1]
-        recordings.append(read_recording(record(tmp_path / f"run-{k}.arrows", rows)))
-    first, *others = recordings
-    assert same_content(first, first) and not any(same_content(first, other) for other in others)
+@pytest.mark.parametrize("seed", [2])
+def test_no_changed_bit_of_a_file_goes_unnoticed_wherever_it_is_cut_or_changed(tmp_path, seed):
+    path = record(tmp_path, ticks(300))
+    data, generator = path.read_bytes(), np.random.default_rng(seed)
+    for place in generator.integers(0, len(data), 60):
+        changed = bytearray(data)
+        changed[place] ^= 1 << int(generator.integers(8))
+        for content in (bytes(changed), data[:place]):
+            path.write_bytes(content)
+            recording = read_recording(path)
+            assert not recording.whole and recording.rows == 0 and "was changed or cut" in recording.faults, place
+    path.unlink()
+    assert read_recording(path).faults == "file: missing"
 
 
 def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
     (tmp_path / "x.txt").write_text("x")
-    for path in (tmp_path / "x.txt", tmp_path / "none.arrows", tmp_path / "none.parquet"):
-        with pytest.raises(InputError, match=path.name):
-            read_recording(path)
-    pq.write_table(pa.table({"t_s": [0.0]}), tmp_path / "foreign.parquet")
-    foreign = read_recording(tmp_path / "foreign.parquet")
-    assert foreign.rows == 0 and foreign.damaged and not foreign.complete
+    with pytest.raises(InputError, match=r"x\.txt"):
+        read_recording(tmp_path / "x.txt")
+    record(tmp_path / "ses", ticks(5))
+    with pytest.raises(InputError, match="no such recording"):
+        read_recording(tmp_path / "ses" / "trials" / "run-002.parquet")
 
 
 def refused(winerror: int | None) -> PermissionError:
@@ -404,7 +354,7 @@ def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_p
 
     monkeypatch.setattr(atomic_files.os, "replace", never)
     with pytest.raises(InputError, match=r"^.*trials\.csv: cannot be written \(another program has it open"):
-        write_rows(tmp_path / "trials.csv", [], replacing=True)
+        write_table(tmp_path / "trials.csv", as_table([]), replacing=True)
     assert len(tries) == TRIES == len(waits) + 1
     assert not list(tmp_path.iterdir())
 

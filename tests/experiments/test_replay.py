@@ -18,8 +18,9 @@ from sessions import closed_session, crash_in_trial, files, new_session, run, ru
 from app.cli import main
 from core.device import load_device
 from experiments.analysis.movement import Movement
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import recording_columns
+from experiments.recording import recording_columns
+from experiments.store.reader import read_recording
+from experiments.store.session import Session
 from experiments.study.replay import A_PERSON_WOULD_REACT, Replacement, replay
 from experiments.study.replay_motion import HAND_ENDED, play_after, read_recorded
 
@@ -125,9 +126,11 @@ def test_the_ticks_have_the_recordings_columns_and_are_never_written_over_anythi
 def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_path, capsys):
     path = by_controller(data, 1)
     copy = shutil.copytree(data / "sub-01", tmp_path / "sub-01") / "ses-01" / "trials"
-    spoilt, cut = copy / path.name, copy / "run-090.arrows"
+    spoilt = copy / path.name
+    cut = record(tmp_path / "other", ticks(50), closed=False)
     flip_a_bit(spoilt)
-    cut.write_bytes(record(tmp_path / "whole.arrows", ticks(50)).read_bytes()[:-500])
+    cut.parent.mkdir()
+    cut.write_bytes(b"half")
     (tmp_path / "text.parquet").write_text("no recording")
     lonely = shutil.copy(path, tmp_path / "lonely.parquet")
     small = tmp_path / "small.toml"
@@ -135,11 +138,11 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
     out = tmp_path / "out.csv"
     for asked, word in (
         ([str(tmp_path / "none.parquet")], "cannot be read"),
-        ([str(tmp_path / "text.parquet")], "is not whole"),
-        ([str(data / "sub-01" / "ses-01" / "trials.csv")], "a recording ends in"),
+        ([str(tmp_path / "text.parquet")], "cannot be read"),
+        ([str(data / "sub-01" / "ses-01" / "trials.csv")], "cannot be read"),
         ([str(spoilt)], "is not whole"),
         ([str(cut)], "is not whole"),
-        ([str(lonely)], "session.json"),
+        ([str(lonely)], "cannot be read"),
         ([str(path), "--controller", "9"], "none of this number"),
         ([str(path), "--controller", "0"], "whole number"),
         ([str(path), "--device", "nobody's"], "unknown device"),
@@ -166,7 +169,7 @@ def test_a_trial_cut_off_by_a_crash_is_to_be_recovered_first_and_replayed_as_far
     session = new_session(tmp_path, protocol=short(paths=1))
     stream = crash_in_trial(session, 3000)
     assert main(["replay", str(stream), "--json"]) == 2
-    assert main(["recover", str(tmp_path)]) == 0
+    Session.resume(tmp_path, "01", sync=False).close()
     capsys.readouterr()
     assert main(["replay", str(recordings(tmp_path)[0]), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

@@ -11,16 +11,14 @@ import msgspec
 import numpy as np
 import pytest
 from protocols import PAPER, changed, protocol_of, short
-from pyarrow import csv
+from recorded import put_recording
 from sessions import closed_session, crash_in_trial, move_to_the_end, new_session, run, run_to_move, run_trials
 
 from app.cli import main
 from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice, ledger_warnings
-from core.tick_log import ARM_COLUMNS
-from experiments.recording.reader import read_recording
-from experiments.recording.writer import save_as_parquet
-from experiments.session.session import Participant, Session
+from experiments.store.reader import read_recording
+from experiments.store.session import Participant, Session
 from experiments.study.replay import OTHER_VERSION, Replacement, replay
 
 NEAR_M = 1e-5  # a replay that has to do without the trial's start: yields of the trial before had not quite gone
@@ -125,9 +123,7 @@ def test_trials_by_mouse_and_by_a_six_axis_device_replay_to_equal_ticks_too(by_h
 def copied(path, folder, change):
     """The recording in a copy of its session, changed."""
     place = shutil.copytree(path.parent.parent, folder / "sub-01" / "ses-01", dirs_exist_ok=True) / path.parent.name
-    (place / path.name).unlink()
-    save_as_parquet(change(read_recording(path)), place / path.name, sync=False)
-    return place / path.name
+    return put_recording(place / path.name, change(read_recording(path)))
 
 
 def with_column(recording, name, change):
@@ -179,30 +175,11 @@ def without_start(recording):
     return replace(recording, metadata={**recording.metadata, "start": {**start, "state": state}})
 
 
-def without_arm(recording):
-    later = {"sensed_fx_N", "sensed_fy_N", *ARM_COLUMNS}
-    columns = {name: column for name, column in recording.columns.items() if name not in later}
-    metadata = {name: value for name, value in recording.metadata.items() if name != "start"}
-    return replace(recording, columns=columns, metadata=metadata)
-
-
 def test_a_recording_of_another_version_is_replayed_from_its_movement_and_that_is_said(session, tmp_path, capsys):
     path = copied(recordings(session.folder)[0], tmp_path / "start", without_start)
     told, said = replayed(path)
     assert said == ("move", None, 0) and told["hand"] == "target" and told["warnings"] == [OTHER_VERSION]
     assert 0.0 < told["largest_tip_difference_m"] < NEAR_M
-    path = copied(recordings(session.folder)[0], tmp_path / "arm", without_arm)
-    told, said = replayed(path)
-    assert said == ("move", None, None) and told["hand"] == "force" and told["warnings"] == [OTHER_VERSION]
-    recording = read_recording(path)
-    first = np.flatnonzero(recording.in_phase("move"))[0]
-    for number, device in enumerate((None, "four-brake")):
-        told = replay(path, Replacement(5, device), tmp_path / f"{number}.csv")
-        table = csv.read_csv(tmp_path / f"{number}.csv")
-        assert told["hand"] == "force" and told["ticks"] > 100, "the recorded force, whatever it moves"
-        for name in ("t_s", "hand_fx_N", "hand_fy_N"):
-            there = recording.column(name)[first:][: told["ticks"]]
-            assert np.allclose(table[name].to_numpy(), there, rtol=0.0, atol=1e-9), name
     assert main(["replay", str(path), "--controller", "4", "--json"]) == 0
     assert OTHER_VERSION in capsys.readouterr().err
 

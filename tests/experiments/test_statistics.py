@@ -42,7 +42,7 @@ from experiments.analysis.statistics import (
     statistics,
 )
 from experiments.analysis.trials_table import TrialRow, as_table
-from experiments.recording.reader import read_recording
+from experiments.store.reader import read_recording
 from tests.support.rows import with_measures
 
 DEVICES = ("three-brake", "four-brake")
@@ -308,13 +308,13 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     rows[:, tick_log.TIP_X], rows[:, tick_log.TIP_Y] = 0.1 * np.sin(3.0 * t), 0.4 + 0.001 * np.sin(90.0 * t)
     rows[:, tick_log.PHASE] = np.where((t > 0.1) & (t < 1.1), PHASES.index("move"), PHASES.index("end"))
     rows[:, tick_log.TIP_AX] = np.sin(900.0 * t)
-    path = record(tmp_path / "run-001.arrows", rows)
+    path = record(tmp_path, rows)
     move = (t > 0.1) & (t < 1.1)
     own = amplitude_sum(weighted_amplitudes(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move]))
     exact = amplitude_sum(weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
     assert dft_sum(read_recording(path), Smoothness()) == pytest.approx(own, rel=1e-9)
     assert dft_sum(read_recording(path), Smoothness(cutoff_hz=None)) == pytest.approx(exact, rel=1e-12)
-    trial = replace(study(people=1)[0], controller=1, recording=path.name)
+    trial = replace(study(people=1)[0], controller=1, recording=f"trials/{path.name}")
     trial = with_measures(trial, acceleration_dft_sum=own)
     recording = read_recording(tmp_path / trial.recording)
     found = {name: dft_sum(recording, how) for name, how in SMOOTHNESS.items()}
@@ -322,7 +322,7 @@ def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
     assert dft_sum(recording, Smoothness(window=without_ramp)) == amplitude_sum(
         weighted_amplitudes(without_ramp(tip_acceleration(rows[:, [tick_log.TIP_X, tick_log.TIP_Y]])[move]))
     )
-    results = sensitivity(as_table([trial, replace(trial, controller=2)]), tmp_path)
+    results = sensitivity(as_table([trial, replace(trial, controller=2)]), lambda name: read_recording(tmp_path / name))
     assert {r.measure for r in results} >= set(SMOOTHNESS)
     assert all(r.people == 1 for r in results)
 
@@ -336,15 +336,23 @@ def test_a_hann_window_keeps_the_mean_square_of_a_steady_vibration_and_the_react
     rows[:, tick_log.PHASE] = PHASES.index("move")
     rows[:, tick_log.TIP_X], rows[:, tick_log.TIP_Y] = 0.1 * np.maximum(t - 0.3995, 0.0), 0.4
     rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY] = np.where(t > 0.4, 3.0, 1.0), 0.0
-    path = record(tmp_path / "run-001.arrows", rows)
+    path = record(tmp_path, rows)
     assert ticks_moving(read_recording(path))[0] == 410
-    trial = replace(study(people=1)[0], controller=1, recording=path.name)
+    trial = replace(study(people=1)[0], controller=1, recording=f"trials/{path.name}")
     trial = with_measures(trial, duration_s=0.999, mean_tip_force_N=2.199)
-    found = {r.measure: r.value for r in sensitivity(as_table([trial]), tmp_path) if r.test == "reaction"}
+    found = {
+        r.measure: r.value
+        for r in sensitivity(as_table([trial]), lambda name: read_recording(tmp_path / name))
+        if r.test == "reaction"
+    }
     assert found["mean_tip_force_N"] == pytest.approx(3.0 / 2.199) and found["duration_s"] == pytest.approx(
         0.589 / 0.999
     )
-    (said,) = [s for s in sentences(sensitivity(as_table([trial]), tmp_path)) if "1 mm" in s]
+    (said,) = [
+        s
+        for s in sentences(sensitivity(as_table([trial]), lambda name: read_recording(tmp_path / name)))
+        if "1 mm" in s
+    ]
     assert "41 % of the movement" in said and "force over time +36 %" in said
 
 

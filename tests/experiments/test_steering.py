@@ -14,7 +14,7 @@ from experiments.analysis.metrics import trial_metrics
 from experiments.analysis.steering import KEY, across_range, from_metadata, to_metadata, wanted_across
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.recording.schema import recording_of
+from experiments.recording import recording_of
 from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
 from experiments.trial.population import load_population
 

@@ -19,9 +19,10 @@ from experiments.analysis.findings import CONTROLLER
 from experiments.analysis.metrics import DRAWN, METRICS
 from experiments.analysis.simulation_errors import error_sentence, error_table
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
-from experiments.recording.reader import read_recording
-from experiments.session.files import read_stored
-from experiments.session.verify import verify
+from experiments.store.journal import read_events
+from experiments.store.reader import read_recording
+from experiments.store.stored import read_stored
+from experiments.store.verify import verify
 from experiments.study import study as studies
 from experiments.study.helpers import helpers
 from experiments.study.study import resume_study, run_study
@@ -61,12 +62,12 @@ def study(tmp_path_factory) -> Path:
 
 def test_a_study_leaves_the_folders_names_and_columns_that_others_rely_on(study):
     session = study / "sub-01" / "ses-01"
-    about = json.loads((session / "session.json").read_text())
-    assert len(about["plan"]) == 20 and len(about["plan_sha256"]) == 64 and about["seed"] == 4
-    stored = about["protocol"]
-    assert stored["text"] == short().text and about["assumed"] is True and stored["overrides"] == {"seed": 4}
-    assert [device["name"] for device in stored["devices"]] == ["three-brake", "four-brake"]
-    assert [json.loads(line)["event"] for line in (session / "journal.jsonl").open()][:2] == ["created", "trial begun"]
+    stored = read_stored(session)
+    assert len(stored.plan) == 20 and len(stored.about["plan_sha256"]) == 64 and stored.about["seed"] == 4
+    assert stored.protocol.text == short().text and stored.about["assumed"] is True
+    assert stored.protocol.overrides == {"seed": 4}
+    assert [device.name for device in stored.protocol.devices] == ["three-brake", "four-brake"]
+    assert [entry.event.name for entry in read_events(session)][:2] == ["created", "trial begun"]
     assert sorted(p.name for p in (session / "trials").iterdir()) == [f"run-{k:03d}.parquet" for k in range(1, 21)]
     rows = csv_rows(study / "trials.csv")
     assert list(rows[0])[: len(TABLE)] == TABLE and len(rows) == 20  # a new measure comes after them
@@ -86,7 +87,7 @@ def test_the_same_seed_gives_the_same_table_byte_for_byte_and_another_seed_does_
 
 def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(study, tmp_path, capsys):
     before = {p: p.read_bytes() for p in study.rglob("*") if p.is_file() and p.suffix != ".parquet"}
-    hidden = {path: path.with_suffix(".hidden") for path in (*study.rglob("trials.csv"), study / "study.json")}
+    hidden = {path: path.with_suffix(".hidden") for path in (*study.rglob("trials.csv"), study / "study.db")}
     for path, elsewhere in hidden.items():
         path.rename(elsewhere)
     try:
@@ -168,7 +169,7 @@ def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_la
     real = studies.StudyRun.run_ticks
 
     def run_ticks(self, trial, writer):
-        if writer.path.parts[-4] == "sub-02":
+        if writer.database.path.parts[-3] == "sub-02":
             raise OSError(errno.ENOSPC, "No space left on device")
         real(self, trial, writer)
 

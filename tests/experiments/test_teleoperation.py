@@ -11,8 +11,8 @@ from experiments.analysis.metrics import trial_metrics
 from experiments.paper_figures.passive_master import DELAYS_S, contact
 from experiments.paper_figures.workspace import workspace_of
 from experiments.protocol import load_protocol
-from experiments.session.files import session_folder
 from experiments.slave import SLAVE, Slave, follow_master, set_slave
+from experiments.store.files import session_folder
 from experiments.study.replay import replay
 from experiments.study.study import run_study
 from experiments.trial.population import load_population

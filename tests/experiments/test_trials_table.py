@@ -1,6 +1,5 @@
 """trials.csv: the promised columns, the same bytes for the same rows, nothing lost on the way back."""
 
-import csv
 import math
 import tempfile
 from dataclasses import replace
@@ -18,10 +17,8 @@ from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import (
     COLUMNS,
     TrialRow,
-    append_row,
     as_rows,
     as_table,
-    is_same_row,
     read_table,
     table_bytes,
     trial_flags,
@@ -63,30 +60,6 @@ def test_a_later_measure_has_a_column_only_where_some_trial_has_it(tmp_path):
         assert table_bytes(as_table([ROW, row])).splitlines()[0].decode().split(",") == [*PROMISED, name]
         write_rows(tmp_path / f"{name}.csv", [ROW, row])
         assert read_rows(tmp_path / f"{name}.csv") == [ROW, row]
-        append_row(tmp_path / "grows.csv", ROW if name != later[-1] else row)
-    assert read_rows(tmp_path / "grows.csv")[-1] == row
-
-
-def test_a_row_grown_onto_a_table_without_names_leaves_a_whole_table_in_which_every_row_has_its_name(tmp_path):
-    path, names = tmp_path / "trials.csv", {2: "SDOF", 3: 'guide, with "care"'}
-    write_rows(path, [ROW, replace(ROW, controller=3), replace(ROW, controller="K2")])
-    early = path.read_bytes()
-    assert early.splitlines()[0].decode().split(",") == PROMISED  # as a version before wrote it
-    assert [row.controller_name for row in read_rows(path)] == [None, None, None]
-    known = append_row(path, replace(ROW, controller_name="SDOF"), early, names=names)
-    known = append_row(path, replace(ROW, controller=3, controller_name="guide"), known, names=names)
-    assert [row.controller_name for row in read_rows(path)] == ["SDOF", 'guide, with "care"', "K2", "SDOF", "guide"]
-    with path.open(newline="") as lines:
-        assert {len(line) for line in csv.reader(lines)} == {len(PROMISED) + 1}
-    assert path.read_bytes() == known == table_bytes(read_table(path))
-
-
-def test_a_row_without_a_name_is_the_same_as_one_that_an_earlier_version_wrote_and_a_changed_name_is_not(tmp_path):
-    right = replace(ROW, controller_name="SDOF")
-    assert is_same_row(ROW, right) and is_same_row(right, right)
-    assert not is_same_row(replace(right, controller_name="Proportional"), right)
-    assert not is_same_row(replace(right, controller_name=""), right)
-    assert not is_same_row(replace(ROW, run=8), right)
 
 
 @given(st.tuples(*[st.none() | st.floats(allow_nan=False, allow_infinity=False)] * len(MEASURES)))
@@ -97,20 +70,6 @@ def test_every_double_comes_back_and_the_same_rows_give_the_same_bytes(values):
         path.write_bytes(table_bytes(as_table([row, ROW])))
         back = read_rows(path)
         assert back == [row, ROW] and table_bytes(as_table(back)) == path.read_bytes()
-
-
-def test_rows_appended_one_by_one_give_the_table_written_at_once(tmp_path):
-    for row in (FULL, ROW, FULL):
-        append_row(tmp_path / "a.csv", row)
-    write_rows(tmp_path / "b.csv", [FULL, ROW, FULL])
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-    known = b""
-    for row in (ROW, FULL, ROW):  # the second has columns that the first lacks
-        known = append_row(tmp_path / "c.csv", row, known)
-        assert (tmp_path / "c.csv").read_bytes() == known
-    assert read_rows(tmp_path / "c.csv") == [ROW, FULL, ROW] and known == table_bytes(as_table([ROW, FULL, ROW]))
-    (tmp_path / "c.csv").unlink()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "b.csv"]  # nothing left beside them
 
 
 def test_an_existing_table_is_replaced_only_when_asked_and_a_recording_is_seen_from_where_it_stands(tmp_path):
@@ -132,12 +91,8 @@ def test_later_columns_are_passed_over_but_not_thrown_away_and_earlier_tables_ar
     lines = table_bytes(as_table([FULL])).decode().splitlines()
     path.write_text(f"{lines[0]},energy\n{lines[1]},0.5\n")
     assert read_rows(path) == [with_measures(FULL, energy=0.5)], "a number is a measure of a file of one's own"
-    append_row(path, ROW)
-    assert read_rows(path) == [with_measures(FULL, energy=0.5), ROW]
     path.write_text(f"{lines[0]},remark\n{lines[1]},well\n")
     assert read_rows(path) == [FULL]
-    with pytest.raises(InputError, match="would lose"):
-        append_row(path, ROW)
     before = PROMISED.index("energy_residual_J")
     path.write_text(
         "".join(

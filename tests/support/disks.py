@@ -1,9 +1,12 @@
 """Disks that take no more, or lose a bit."""
 
-import os
+import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from experiments import atomic_files
 
 
 def full(*_args, **_more):
@@ -16,16 +19,49 @@ def locked(*_args, **_more):
     raise PermissionError(1, "Operation not permitted")
 
 
-def fill_up(patch: pytest.MonkeyPatch, room: int) -> None:
-    """The disk takes so many bytes more, and then none."""
-    left, write = [room], os.write
+class Disk:
+    """A disk that can be told to take no more: databases that are opened from now on, and whole files."""
 
-    def write_until_full(handle: int, data: bytes) -> int:
-        taken = min(len(data), left[0])
-        left[0] -= taken
-        return write(handle, data[:taken]) if taken else full()
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.refuses: Callable[..., None] | None = None  # `full` or `locked`; None: it takes everything
+        self.room = 0  # commits that it takes all the same
+        self.only_folder: Path | None = None  # the disk on which alone it takes nothing; None: wherever it is
+        write, connect, disk = atomic_files.new_beside, sqlite3.connect, self
 
-    patch.setattr(os, "write", write_until_full)
+        class Connection(sqlite3.Connection):
+            def __init__(self, place, *of, **how) -> None:
+                super().__init__(place, *of, **how)
+                self.place = Path(str(place).removeprefix("file://"))
+
+            def execute(self, sql: str, *values):
+                if disk.is_on(self.place) and sql.startswith(("BEGIN IMMEDIATE", "VACUUM", "PRAGMA journal_mode=DEL")):
+                    try:
+                        disk.refuse_unless_room()
+                    except OSError as error:  # as SQLite says it
+                        said = sqlite3.OperationalError(error.strerror)
+                        said.sqlite_errorcode = sqlite3.SQLITE_FULL if error.errno == 28 else sqlite3.SQLITE_PERM
+                        raise said from None
+                return super().execute(sql, *values)
+
+        def new_beside(target: Path):
+            if disk.is_on(target):
+                disk.refuse_unless_room()
+            return write(target)
+
+        for place in ("experiments.atomic_files", "experiments.store.settle"):
+            patch.setattr(f"{place}.new_beside", new_beside)
+        patch.setattr("sqlite3.connect", lambda *of, **how: connect(*of, **how, factory=Connection))
+
+    def is_on(self, place: Path) -> bool:
+        """Whether this disk takes no more, and the place is on it."""
+        return self.refuses is not None and (self.only_folder is None or self.only_folder in place.parents)
+
+    def refuse_unless_room(self) -> None:
+        """One more write."""
+        if self.room:
+            self.room -= 1
+        else:
+            self.refuses()
 
 
 def flip_a_bit(path: Path, place: int | None = None, bit: int = 1) -> None:

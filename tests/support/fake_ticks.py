@@ -8,7 +8,7 @@ from core import tick_log
 from core.device import Device
 from core.path import PathFile, Segment, build_path, outline
 from core.workspace import brake_rows
-from experiments.session.playback import fill_field
+from experiments.store.playback import fill_field
 
 TICKS_PER_S = 1000
 ALONG = Segment((-0.10, 0.40), (0.10, 0.40))

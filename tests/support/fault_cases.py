@@ -24,9 +24,9 @@ from core.device import load_device
 from core.device_interface import ZeroRecord
 from core.faults import cause
 from experiments.protocol import Protocol, load_protocol
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Sensors
-from experiments.session.session import Participant, Session
+from experiments.recording import Sensors
+from experiments.store.reader import read_recording
+from experiments.store.session import Participant, Session
 from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.device import HeldHand
 from hardware.serial_device import SerialDevice
@@ -182,7 +182,6 @@ class Case:
             self.killed = True
         except BaseException:
             self.run.recorder.close()
-            writer.abandon()
             raise
         self.keep()
 

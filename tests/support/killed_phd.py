@@ -51,7 +51,7 @@ def serve() -> None:
     from sessions import new_session, run
 
     import app.verbs.folders  # noqa: F401  (everything that a job needs is there before the first)
-    import experiments.session.recover  # noqa: F401
+    import experiments.store.verify  # noqa: F401
     import experiments.study.study  # noqa: F401
     from app.cli import main
     from core import tick_log  # noqa: F401
@@ -64,7 +64,6 @@ def serve() -> None:
         session = new_session(Path(folder))
         trial, writer = session.begin(session.next_planned())
         run(trial, writer, ticks=100, piece=100)
-        writer.abandon()
         session.close()
     for line in sys.stdin:
         job = json.loads(line)

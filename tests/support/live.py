@@ -1,7 +1,6 @@
 """A session server for tests: its messages as they come, its processes, and the proof that nothing of it is left."""
 
 import contextlib
-import json
 import os
 import time
 from collections import deque
@@ -15,8 +14,9 @@ from waiting import LONG_S, wait_until
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Recording
+from experiments.recording import Recording
+from experiments.store.journal import read_events
+from experiments.store.reader import read_recording
 
 #: in lines of the log that only Wine causes: Arrow asks it for processors, LSL for network interfaces
 WINE_ALONE = ("cpu_info.cc", "netinterfaces.cpp", "api_config.cpp")
@@ -119,8 +119,8 @@ class Window:
 
     def events(self, name: str) -> list[dict]:
         """The journal's events of this name, in the open session."""
-        lines = (Path(self.opened.folder) / "journal.jsonl").read_text().splitlines()
-        return [event for event in map(json.loads, lines) if event["event"] == name]
+        entries = read_events(Path(self.opened.folder))
+        return [{"event": name, "time": at, **about} for event, at, about in entries if event.name == name]
 
     def processes(self) -> list[int]:
         """The session server and its loop."""

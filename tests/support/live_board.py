@@ -18,7 +18,7 @@ from app.ipc.messages import Setup
 from core import tick_log
 from core.path import Segment
 from experiments.analysis.trials_table import TrialRow
-from experiments.session.files import cell
+from experiments.store.cells import cell
 
 DEVICE = "four-brake"
 BRAKING = (2, 4)  # controllers that act on everybody

@@ -1,12 +1,17 @@
 """Recordings for tests: plausible ticks, and the promised names of their columns."""
 
+from pathlib import Path
+
 import numpy as np
-import pyarrow as pa
 
 from core import tick_log
 from core.control.controllers import DECISIONS
-from experiments.recording.schema import recording_columns
-from experiments.recording.writer import RecordingWriter
+from experiments.recording import Recording, recording_columns
+from experiments.store.database import DATABASE, Database, reading
+from experiments.store.files import trials_in
+from experiments.store.parquet import as_json, description, digest_of, write_parquet
+from experiments.store.settle import close_trial
+from experiments.store.writer import RecordingWriter
 
 NAMES = (
     "t_s, phase, tip_x_m, tip_y_m, tip_vx_m_s, tip_vy_m_s, tip_ax_m_s2, tip_ay_m_s2, hand_fx_N, hand_fy_N, "
@@ -31,15 +36,25 @@ def ticks(n, seed=0):
     return rows
 
 
-def record(path, rows, braked="AEB", outcome=None, pieces=1, flush=False):
-    """A closed stream of these rows; flush: a batch a piece."""
-    with RecordingWriter(path, braked, {"participant": "01"}, sync=False) as writer:
+def record(
+    folder: Path, rows: np.ndarray, braked: str = "AEB", outcome=None, pieces: int = 1, closed: bool = True,
+    metadata=None, sensors=None, run: int = 1,
+) -> Path:  # fmt: skip
+    """A trial of these rows, in the folder of a new session; a row of the database for each piece.
+
+    closed: its ticks are in its file, as after a trial; else it has ended, and they are in the database.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with Database(folder, "" if (folder / DATABASE).exists() else "1" * 32, sync=False) as database:
+        writer = RecordingWriter(database, ("trials", run), braked, metadata or {"participant": "01"}, sensors)
         for piece in np.array_split(rows, pieces):
             writer.write(piece)
-            if flush:
-                writer.flush()
+            writer.flush()
         writer.close(outcome or {"status": "done"})
-    return path
+        database.commit()
+        if closed:
+            close_trial(folder, database, writer.trial, sync=False)
+    return folder / "trials" / f"run-{run:03d}.parquet"
 
 
 def assert_holds(recording, rows):
@@ -48,13 +63,14 @@ def assert_holds(recording, rows):
         assert np.array_equal(recording.column(name), rows[:, place], equal_nan=True), name
 
 
-def batch_ends(path):
-    """The byte after each message of a stream, the first entry after the header, and the rows up to there."""
-    source = pa.BufferReader(path.read_bytes())
-    stream = pa.ipc.open_stream(source)
-    schema_and_dictionaries = pa.BufferReader(path.read_bytes())
-    while pa.ipc.read_message(schema_and_dictionaries).type != "record batch":
-        ends = [(schema_and_dictionaries.tell(), 0)]
-    for batch in stream:
-        ends.append((source.tell(), ends[-1][1] + batch.num_rows))
-    return ends
+def put_recording(path: Path, recording: Recording) -> Path:
+    """Another recording in the place of one, whole by its checksums: other values, or another description."""
+    with reading(path.parent.parent) as stored:
+        (trial,) = (trial for trial, _ in trials_in(stored) if path.parent.parent / trial.name == path)
+    about = description(recording.braked, recording.metadata, recording.sensors, recording.words["decision"])
+    outcome = as_json(recording.outcome, "outcome")
+    write_parquet(path, about, outcome, [np.array([column.astype(float) for column in recording.columns.values()])])
+    whole = {"bytes": path.stat().st_size, "sha256": digest_of(path)}
+    with Database(path.parent.parent) as database:
+        database.put("trial", *trial._replace(about=about, outcome=outcome, ticks=recording.rows, **whole))
+    return path

@@ -1,7 +1,6 @@
 """Sessions for tests: real trials of a simulated operator on the shipped devices, and what a crash leaves of them."""
 
 import contextlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,8 +10,8 @@ from synthetic_hand import SyntheticHand
 
 from core import tick_log
 from experiments.protocol import Protocol
-from experiments.session.overview import scan_folder
-from experiments.session.session import Participant, Session
+from experiments.store.overview import scan_folder
+from experiments.store.session import Participant, Session
 from experiments.trial.population import load_population
 
 
@@ -82,15 +81,19 @@ def move_to_the_end(trial, writer, most: int = 60_000) -> None:
 
 
 def crash_in_trial(session: Session, ticks: int = 2500, closed: bool = False) -> Path:
-    """Begin the next trial, end as a killed process does in the middle of it; its stream."""
+    """Begin the next trial, end as a killed process does in the middle of it; its recording."""
     trial, writer = session.begin(session.next_planned())
     run(trial, writer, 10**9 if closed else ticks)
     if closed:
         writer.close(trial.outcome())
-    else:
-        writer.abandon()
-    session.close()
-    return writer.path
+    writer.flush()
+    kill(session)
+    return session.folder / "trials" / f"run-{trial.planned.run:03d}.parquet"
+
+
+def kill(session: Session) -> None:
+    """What the end of a killed process does: nothing is written or sealed, and the lock is free."""
+    session.abandon()
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -113,16 +116,3 @@ def closed_session(data: Path, trials: int, **how) -> Session:
     """The same, closed."""
     with session_of(data, trials, **how) as session:
         return session
-
-
-def without_checksums(data: Path) -> None:
-    """Make of a folder what a version wrote that had none: in session.json, study.json and the journal."""
-    for path in (*data.rglob("session.json"), *data.glob("study.json")):
-        about = json.loads(path.read_bytes())
-        del about["crc32"]
-        path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n")
-    for path in data.rglob("journal.jsonl"):
-        lines = [json.loads(line) for line in path.read_bytes().splitlines()]
-        plain = ({key: value for key, value in one.items() if key not in ("after", "crc32")} for one in lines)
-        path.write_text("".join(json.dumps(one) + "\n" for one in plain))
-        path.with_name("journal.end").unlink(missing_ok=True)

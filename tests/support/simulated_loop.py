@@ -19,7 +19,7 @@ from app.session_server.commands import do
 from app.session_server.server import read_protocol
 from app.session_server.state import ServerState
 from core import tick_log
-from experiments.session.files import hold_lock
+from experiments.store.files import hold_lock
 from experiments.trial.tick import run_ticks
 from hardware.serial_device import SerialDevice
 

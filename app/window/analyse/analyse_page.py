@@ -51,12 +51,13 @@ from experiments.analysis.charts import (
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow, Trials, as_rows
+from experiments.atomic_files import first_free, partial_name
 from experiments.export.results import Results, ResultsJob, conclude, read_results
 from experiments.plan import counted
-from experiments.recording.atomic_files import first_free, partial_name
-from experiments.session.files import STUDY, finished_cells
-from experiments.session.journal import exclude_run
-from experiments.session.playback import Playback, read_playback
+from experiments.store.cells import finished_cells
+from experiments.store.files import STUDY
+from experiments.store.journal import exclude_run
+from experiments.store.playback import Playback, read_playback
 
 FINDINGS = "findings"
 PAGES = {

@@ -30,10 +30,10 @@ from app.window.widgets.parts import (
 from app.window.widgets.words import LACKING, LEAVE, data_folder_of, from_home
 from app.window.widgets.work import VerbProcess, Watch
 from core.files import InputError
+from experiments.atomic_files import first_free
 from experiments.plan import counted
-from experiments.recording.atomic_files import first_free
-from experiments.session.files import recordings_in
-from experiments.session.overview import DataOverview, SessionOverview, scan_folder
+from experiments.store.files import recordings_in
+from experiments.store.overview import DataOverview, SessionOverview, scan_folder
 
 RECENT_MOST = 6
 FORMS = {"bids": "BIDS-Motion", "csv": "CSV"}

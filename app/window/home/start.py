@@ -9,8 +9,9 @@ from app.window.widgets.words import LEAVE
 from core.files import InputError
 from experiments.plan import counted, make_plan, plan_summary, print_trials
 from experiments.protocol import Protocol, load_protocol, protocol_to_json
-from experiments.session.files import free_participant, read_stored
-from experiments.session.overview import SessionOverview, scan_folder
+from experiments.store.files import free_participant
+from experiments.store.overview import SessionOverview, scan_folder
+from experiments.store.stored import read_stored
 
 
 class Loaded(NamedTuple):

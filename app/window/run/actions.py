@@ -15,7 +15,6 @@ class Actions(NamedTuple):
     start: bool = False
     pause: bool = False  # or resume
     leave: bool = False
-    move: bool = False  # to another data folder
     note: bool = False
     redo: TrialRow | None = None  # the trial on the card, else the last one that can be repeated
     exclude: TrialRow | None = None  # the trial on the card
@@ -39,7 +38,6 @@ def possible(snapshot: m.Snapshot, on_card: TrialRow | None, waiting: bool) -> A
         start=ready and writes and not snapshot.trial_blocker,
         pause=ready or snapshot.stage == m.RUNNING,
         leave=snapshot.can_leave,
-        move=snapshot.can_leave and bool(snapshot.not_written),
         note=note,
         # one that was repeated has been; one that was cut short comes again by itself
         redo=next((row for row in trials if row.status in TRIED), None) if writes else None,

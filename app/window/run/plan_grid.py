@@ -12,7 +12,7 @@ from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import describe
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
-from experiments.session.files import cell, place
+from experiments.store.cells import cell, place
 
 #: px: of a row of cells and of the label before it; high, of a cell; between two; wide, of a cell
 ROW_PX, LABEL_PX, HIGH_PX, GAP_PX, NARROWEST_PX, WIDEST_PX = 176, 52, 16, 3, 8, 17

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFileDialog
 
 from app.ipc import messages as m
 from app.window.canvas.force_view import RefreshClock
@@ -45,7 +44,7 @@ from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.session.files import place
+from experiments.store.cells import place
 
 #: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
 RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
@@ -118,7 +117,6 @@ class RunPage(Page):
             (self.panel.start.clicked, self.start),
             (self.panel.pause.clicked, self.pause),
             (self.panel.leave.clicked, self._leave),
-            (self.panel.elsewhere.clicked, self._go_elsewhere),
             (self.panel.noted, self._note),
             (self.panel.grid.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
@@ -188,11 +186,6 @@ class RunPage(Page):
 
     def _leave(self) -> None:
         self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"), self.unsaved())
-
-    def _go_elsewhere(self) -> None:
-        """Choose a data folder that takes what this one does not."""
-        if folder := QFileDialog.getExistingDirectory(self, "Data folder to go on in", str(Path.home())):
-            self.send(m.MoveTo(folder))
 
     def _note(self, text: str) -> None:
         self.send(m.Note(text))
@@ -415,7 +408,7 @@ class RunPage(Page):
 
 def read_ticks(run: int, recording: Path) -> tuple[int, np.ndarray]:
     """A run, and its ticks (n, tick_log.WIDTH)."""
-    from experiments.session.playback import read_playback  # takes a second, which the start of the app has not
+    from experiments.store.playback import read_playback  # takes a second, which the start of the app has not
 
     return run, read_playback(recording).ticks
 

@@ -11,7 +11,7 @@ from app.window.widgets.cards import Ask, Cards, OverlayCard
 from app.window.widgets.page import ANALYSE, DEVICE, Page
 from app.window.widgets.words import LEAVE, clock
 from experiments.plan import counted
-from experiments.session.files import finished_cells
+from experiments.store.cells import finished_cells
 
 ABORT = Ask(
     "abort", "Abort this trial?", "It runs until you answer. Its recording is kept and marked as aborted.", "Abort",

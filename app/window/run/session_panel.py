@@ -25,7 +25,7 @@ from app.window.widgets.parts import (
 )
 from app.window.widgets.preflight import advice
 from app.window.widgets.words import LACKING, cell, done_of
-from experiments.session.files import finished_cells, place
+from experiments.store.cells import finished_cells, place
 
 WIDTH_PX = 256
 LEAST_PLAN_PX = 60  # high, of the plan
@@ -53,8 +53,6 @@ class SessionPanel(Panel):
         self.pause.setCheckable(True)
         self.abort = key_button("Abort trial …", "abort")
         self.leave = KeyButton("Close session …")  # between trials, in the place of Abort
-        self.elsewhere = KeyButton("Go on in another folder …")  # where the disk does not take the session
-        self.elsewhere.hide()
         self.note = QLineEdit(
             placeholderText=f"Note …  {KEYS['note'].keys[0]}", accessibleName="Note, kept with the time", maxLength=500
         )
@@ -71,7 +69,7 @@ class SessionPanel(Panel):
         self.scroll_area.setMinimumHeight(LEAST_PLAN_PX)
         self.setLayout(column(
             self.head, self.done, (self.scroll_area, 1000), self.time, self.coming, self.cell,
-            self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note, self.elsewhere,
+            self.start, self.pause, self.abort, self.leave, self.redo, self.skip, self.note,
             self.notice, (self.notes, 20), 1, spacing=5, margins=(14, 10, 14, 12),
         ))  # fmt: skip
         self.asks = {"redo": self.redo, "skip": self.skip, "abort": self.abort}
@@ -141,7 +139,7 @@ class SessionPanel(Panel):
     def _offer(self, snapshot: m.Snapshot, can: Actions) -> None:
         runs = snapshot.stage == m.RUNNING
         for pressed, offered in (
-            (self.start, can.start), (self.pause, can.pause), (self.leave, can.leave), (self.elsewhere, can.move),
+            (self.start, can.start), (self.pause, can.pause), (self.leave, can.leave),
             (self.note, can.note), *((pressed, can.of(action)) for action, pressed in self.asks.items()),
         ):  # fmt: skip
             pressed.setEnabled(bool(offered))
@@ -154,7 +152,6 @@ class SessionPanel(Panel):
         )  # fmt: skip
         self.abort.setVisible(runs)
         self.leave.setVisible(not runs)
-        self.elsewhere.setVisible(can.move)
 
 
 def key_button(text: str, action: str, name: str = "key") -> KeyButton:

@@ -21,7 +21,7 @@ from app.window.widgets.words import SHORT, in_colour
 from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
-from experiments.session.files import place
+from experiments.store.cells import place
 
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5

@@ -16,7 +16,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.inputs import INPUTS
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
-from experiments.session.files import STORED
+from experiments.store.database import DATABASE
 
 GAIN = "gain_N_s_m"
 
@@ -213,7 +213,7 @@ def as_sentence(text: str) -> str:
 
 def data_folder_of(folder: Path) -> Path:
     """A folder that was chosen; of a session the data folder that holds it."""
-    return folder.parent.parent if (folder / STORED).exists() else folder
+    return folder.parent.parent if (folder / DATABASE).exists() else folder
 
 
 def hand_is_mouse(opened: m.Opened | None) -> bool:

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QWidget
 from app.ipc.pipe import start_python
 from app.progress import PROGRESS
 from core.files import InputError
-from experiments.recording.atomic_files import reason_of
+from experiments.atomic_files import reason_of
 
 LONGEST_END_S = 5.0  # that the end of the program waits for threads
 LOOK_MS = 2000  # between two looks of a `Watch`

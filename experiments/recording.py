@@ -1,19 +1,4 @@
-"""The form of a recording: its columns, their names, its header, and the checksum that covers every byte.
-
-A recording in progress is an Arrow IPC stream that any Arrow library reads: the schema, the dictionaries of the
-text columns (all words known in advance, so none is added later), batches of ticks, and an end record. Parquet,
-once closed, holds the same columns and the same metadata.
-
-Checksum, one rule for all: the header of a stream (everything before its first batch), each batch, the end record,
-and a Parquet file as a whole carry in their metadata `crc32`, the CRC-32 (as in zip; 8 lower-case hex digits) of
-all their own bytes, with those 8 digits themselves taken as `SEAL`. The bytes of a batch are its Arrow message,
-from the continuation marker to the end of the body. So a changed bit is noticed wherever it is, and each part can
-be judged alone.
-
-Metadata of a batch: crc32, sequence (0, 1, ..), first_row, rows; of the end record besides: end, outcome (JSON).
-Metadata of the schema: crc32, phd (JSON: form, braked, text (the words of each text column), metadata, and of a device
-on the bench sensors).
-"""
+"""A recording in memory: the ticks of one trial, their columns and their names (on the disk: `experiments.store`)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,9 +13,6 @@ from core import tick_log
 from core.control.controllers import DECISIONS
 from core.files import InputError
 from core.mechanism import JOINTS
-
-FORM = 1  # rises when a reader of today could no longer read the file
-SEAL = b"\x18" * 8  # stands for the digits of a checksum while it is computed
 
 NO_METADATA: Mapping[str, Any] = {}
 
@@ -67,11 +49,6 @@ def column_words(decisions: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return {"phase": tick_log.PHASES, "stuck": tick_log.STUCK_LETTERS, "decision": tuple(decisions)}
 
 
-def footer_at(parquet: bytes) -> int:
-    """The byte at which the footer of a Parquet file, with its metadata, begins."""
-    return max(len(parquet) - 8 - int.from_bytes(parquet[-8:-4], "little"), 0)
-
-
 @dataclass(frozen=True)
 class Recording:
     """One trial as recorded. Text columns hold codes: `words[name][code]` is the text."""
@@ -81,7 +58,7 @@ class Recording:
     outcome: dict[str, Any] = field(default_factory=dict)  # as given to its `close`
     braked: str = ""
     sensors: Sensors | None = None  # of a device on the bench
-    columns: dict[str, np.ndarray] = field(default_factory=dict)  # each (rows,)
+    columns: Mapping[str, np.ndarray] = field(default_factory=dict)  # each (rows,)
     words: dict[str, tuple[str, ...]] = field(default_factory=dict)
     complete: bool = False  # the end is there: nothing was cut off
     damaged: list[str] = field(default_factory=list)  # fails its checksum or is missing; its rows are left out
@@ -129,13 +106,3 @@ def recording_of(
     }
     about = dict(metadata)
     return Recording(path, about, braked=braked, columns=columns, words=column_words(decisions), complete=True)
-
-
-def same_content(a: Recording, b: Recording) -> bool:
-    """Whether two recordings hold the same, bit by bit (a NaN equals itself, -0 is not 0), wherever they lie."""
-
-    def content(r: Recording) -> tuple:
-        bits = [(name, x.dtype, x.shape, x.tobytes()) for name, x in r.columns.items()]
-        return r.metadata, r.outcome, r.braked, r.sensors, r.words, bits
-
-    return content(a) == content(b)

@@ -10,17 +10,18 @@ from pyarrow import csv
 
 from core import tick_log
 from core.control.velocity_field import field_around
-from core.device import Device, load_device
+from core.device import Device
 from core.files import InputError
 from core.mechanism import JOINTS
 from core.obstacles import ObstacleFile
 from core.path import Path as Way
 from core.path import PathFile, Segment, build_path, path_from
 from experiments.analysis.trials_table import Controller, TrialRow, is_code
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import TEXT_COLUMNS, Recording, recording_columns
-from experiments.session.files import STORED, StoredSession, read_stored, rows_of
-from experiments.session.journal import EXCLUDED, exclusion_of
+from experiments.recording import TEXT_COLUMNS, Recording, recording_columns
+from experiments.store.files import rows_of
+from experiments.store.journal import EXCLUDED, exclusion_of
+from experiments.store.reader import read_recording
+from experiments.store.stored import StoredSession, read_stored
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Playback:
     damaged: bool  # some ticks are missing
     excluded: str  # the reason for which it is in no result; "": it is not excluded
     decisions: tuple[str, ...]  # words of the column
-    controllers: dict[Controller, str]  # of its protocol; empty where no session is there to ask
+    controllers: dict[Controller, str]  # of its protocol
 
     @property
     def t(self) -> np.ndarray:
@@ -55,15 +56,13 @@ def read_playback(path: Path) -> Playback:
     if not recording.rows:
         raise InputError(f"{path}: there are no ticks to play ({recording.faults or 'it ended before the first'})")
     session = path.resolve().parent.parent
-    stored = read_stored(session) if (session / STORED).exists() else None
+    stored = read_stored(session)
     way = way_of(recording)
     ticks = ticks_of(recording, way)
     about = recording.metadata
     row = next((row for row in rows_of(session) if row.recording and session / row.recording == path.resolve()), None)
     controller = about.get("controller", "?") if row is None else row.controller
-    controllers: dict[Controller, str] = {}
-    if stored:
-        controllers |= {number: preset.name for number, preset in stored.protocol.controllers.items()}
+    controllers: dict[Controller, str] = {number: preset.name for number, preset in stored.protocol.controllers.items()}
     named = about.get("preset", {}).get("name") or f"controller {controller}"
     place = (about.get("configuration"), f"path {about.get('segment', '?')}", f"block {about.get('block', '?')}")
     return Playback(
@@ -72,7 +71,7 @@ def read_playback(path: Path) -> Playback:
         error=errors(ticks),
         device=device_of(recording, stored),
         way=way,
-        obstacles=stored.protocol.obstacle if stored else (),
+        obstacles=stored.protocol.obstacle,
         row=row,
         title=f"P{about.get('participant', '?')} run {about.get('run', '?')}",
         controller=str(controller) if is_code(str(controller)) else controllers.get(controller, named),
@@ -102,11 +101,9 @@ def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
     return rows
 
 
-def device_of(recording: Recording, stored: StoredSession | None) -> Device:
-    """The device as its session stored it; without a session the shipped device of that name."""
+def device_of(recording: Recording, stored: StoredSession) -> Device:
+    """The device as its session stored it."""
     name = str(recording.metadata.get("configuration", ""))
-    if stored is None:
-        return load_device(name)
     for device in stored.protocol.devices:
         if device.name == name:
             return device

@@ -1,12 +1,13 @@
 """A participant's session: its plan, its trials in order, and their recordings and rows (files: see `files`).
 
-Nothing is overwritten: every file is new, tables are replaced whole, and what changes a table stands in the journal
-first. One live process may write in a session.
+What belongs together is committed together: a trial and the event that it was begun, its row and the event that it
+ended. One live process may write in a session.
 """
 
 import contextlib
-import errno
 import hashlib
+import sys
+import uuid
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -18,7 +19,8 @@ from core.files import InputError
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis import steering
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.trials_table import COUNTED, TrialRow, append_row, as_table, row_of, write_table
+from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
+from experiments.atomic_files import make_folders, reading_stored, reason_of, refusing, remove
 from experiments.inputs import MOUSE, OPERATOR, SENSOR
 from experiments.plan import (
     PRACTICE_BLOCK,
@@ -27,24 +29,22 @@ from experiments.plan import (
     make_plan,
     participant_index,
     plan_hash,
-    plan_to_json,
     practice_trial,
 )
-from experiments.protocol import Protocol, middle_of_first, protocol_to_json
-from experiments.recording import STREAM_SUFFIX
-from experiments.recording.atomic_files import reading_stored, refusing, write_new_file
-from experiments.recording.reader import read_recording
-from experiments.recording.schema import Sensors
-from experiments.recording.writer import RecordingWriter, convert_to_parquet
-from experiments.session import files
-from experiments.session import journal as events
-from experiments.session.blind import KEY, new_key, read_key, write_key
-from experiments.session.checksums import END, sealed
-from experiments.session.consent import KEY as CONSENT
-from experiments.session.consent import ConsentAnswer, refuse_consent, refuse_without_consent
-from experiments.session.in_memory import InMemory, discard, refuse_place
-from experiments.session.metadata import operators_from_json, preset_to_json, versions
-from experiments.session.recover import recover_session
+from experiments.protocol import Protocol, middle_of_first
+from experiments.recording import Sensors
+from experiments.store import files
+from experiments.store import journal as events
+from experiments.store.blind import new_key
+from experiments.store.cells import open_trials
+from experiments.store.consent import KEY as CONSENT
+from experiments.store.consent import ConsentAnswer, refuse_consent, refuse_without_consent
+from experiments.store.database import DATABASE, Database
+from experiments.store.metadata import operators_from_json, preset_to_json, versions
+from experiments.store.reader import read_recording
+from experiments.store.settle import Repaired, close_trial, repair, rescue_places
+from experiments.store.stored import StoredSession, put_session, read_stored, stored_person
+from experiments.store.writer import RecordingWriter
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
@@ -67,8 +67,6 @@ class Participant(NamedTuple):
 
 class Session:
     """One participant's session in progress; holds its lock until `close` or the end of the process."""
-
-    _in_memory: InMemory | None = None  # its folder; None: the session is being created
 
     def __init__(
         self, data_dir: Path, who: Participant, protocol: Protocol, blind: bool | None = None, sync: bool = True,
@@ -96,33 +94,39 @@ class Session:
         self.blind, self.plan, self.plan_sha256 = is_blind, plan, plan_hash(plan)
         with refusing(self.folder, "cannot be created"):
             try:
-                (self.folder / files.TRIALS).mkdir(parents=True, exist_ok=True)
-                self._lock = files.hold_lock(self.folder)
+                make_folders(self.folder, sync)
+                self.lock = files.hold_lock(self.folder)
             except OSError:
                 files.remove_empty(self.folder)
                 raise
         try:
             files.refuse_existing(data_dir, who.label)  # another process was faster
         except InputError:
-            self.close()
+            self.lock.release()
             raise
         try:
-            if self.blind:
-                self._key = new_key(protocol.controllers)
-            about = self._session_json(write_key(self.folder, self._key, sync) if self.blind else "")
-            about |= {"form": dict(who.form)} if who.form else {}
-            about |= {CONSENT: who.consent._asdict()} if who.consent else {}
-            write_new_file(self.folder / files.STORED, sealed(about), sync)
-            self.journal(events.CREATED, plan=self.plan_sha256)
-            if who.consent:
-                self.journal(events.CONSENT, **who.consent._asdict())
-            self._in_memory = InMemory(self.folder, self.rows)
+            self._create(who, plan)
         except BaseException:
-            for name in (files.STORED, KEY, events.NAME, END, files.LOCK):
+            self.lock.release()
+            for name in (DATABASE, files.LOCK):
                 with contextlib.suppress(OSError):  # the first error is the one to report
-                    (self.folder / name).unlink()
-            self.close()
+                    remove(self.folder / name)
             files.remove_empty(self.folder)
+            raise
+
+    def _create(self, who: Participant, plan: tuple[PlannedTrial, ...]) -> None:
+        """Store everything about the session, in one commit."""
+        self._key = new_key(self.protocol.controllers) if self.blind else {}
+        self._use(Database(self.folder, uuid.uuid4().hex, self._sync))
+        try:
+            about = self._about() | {"form": dict(who.form)} | ({CONSENT: who.consent._asdict()} if who.consent else {})
+            put_session(self.database, about, self.protocol, plan, self._key)
+            self.add_event(events.CREATED, plan=self.plan_sha256)
+            if who.consent:
+                self.add_event(events.CONSENT, agreed=who.consent.agreed, answered=who.consent.time)
+            self.database.commit()
+        except BaseException:
+            self.database.disconnect()
             raise
 
     @classmethod
@@ -135,31 +139,37 @@ class Session:
         InputError if there is no such session, it cannot be read, or a live process has it.
         """
         folder = files.session_folder(data_dir, participant)
-        stored = files.read_stored(folder)
+        if why := files.why_left_out(folder):
+            raise InputError(f"{folder}: {why}")
+        stored = read_stored(folder)
         session = cls.__new__(cls)
-        operator = files.stored_person(folder, stored)
+        operator = stored_person(folder, stored)
         refuse_without_consent(folder, stored.protocol, stored.about)
-        with reading_stored(folder / files.STORED):
+        with reading_stored(folder / DATABASE):
             who = Participant(participant, stored.about["hand"], operator, operators_from_json(stored.about))
             session._init_common(data_dir, who, stored.protocol, sync, on_event)
-            was_blind, key_sha256 = stored.about["blind"], stored.about["key_sha256"]
-        session._lock = files.hold_lock(folder)
+        session.lock = files.hold_lock(folder)
         try:
-            recover_session(folder, sync)
-            session._summary = summary = events.journal_summary(folder)
-            session.plan, session.plan_sha256 = summary.plan(stored.plan), plan_hash(stored.plan)
-            if unknown := set((summary.key or {}).values()) - set(stored.protocol.controllers):
-                raise InputError(f"{folder / events.NAME}: unblinded: there is no controller {min(unknown)}")
-            session.blind = was_blind and summary.key is None
-            session._key = read_key(folder, key_sha256) if session.blind else summary.key or {}
-            session.rows = files.rows_of(folder)
-            session._in_memory = InMemory(folder, session.rows)
-            if session._waiting:
-                session.journal(events.RESUMED, open=len(session._waiting))
+            session._use(Database(folder, sync=sync))
+            session._go_on_from(stored)
         except BaseException:
-            session.close()
+            session.lock.release()
             raise
         return session
+
+    def _go_on_from(self, stored: StoredSession) -> None:
+        try:
+            self._repair()
+            self.plan, self.plan_sha256 = self._summary.plan(stored.plan), plan_hash(stored.plan)
+            if unknown := set((self._summary.key or {}).values()) - set(self.protocol.controllers):
+                raise InputError(f"{self.database.path}: unblinded: there is no controller {min(unknown)}")
+            self.blind = stored.about["blind"] and self._summary.key is None
+            self._key = stored.key if self.blind else self._summary.key or {}
+            if self._waiting:
+                self.journal(events.RESUMED, open=len(self._waiting))
+        except BaseException:
+            self.database.disconnect()
+            raise
 
     def _init_common(
         self, data_dir: Path, who: Participant, protocol: Protocol, sync: bool, on_event: OnEvent | None
@@ -169,26 +179,80 @@ class Session:
         self.hand, self.person, self.operators = who.hand, who.operator, who.population
         self.folder = files.session_folder(data_dir, who.label)
         self.rows: list[TrialRow] = []
-        self._table = b""  # the table, as this process has written it last
+        self._runs = {files.TRIALS: set[int](), files.PRACTICE: set[int]()}  # that were begun
+        self._closed: dict[int, TrialRow] = {}  # number of a trial that was closed here -> its row
+        self.repaired = Repaired()  # what was put right as it was opened
         self._key = {}  # code -> controller
         self._summary = events.JournalSummary(self.folder)
         self._sync, self._on_event = sync, on_event
         self._simulations: dict[str, SimulatedDevice] = {}
 
+    def _use(self, database: Database) -> None:
+        self.database, self._journal = database, events.JournalWriter(database)
+
+    def _repair(self) -> None:
+        """Put right what a crash, or a disk that took no more, has left; then read journal and rows. OSError."""
+        self.repaired = repair(self.folder, self.database, events.journal_summary(self.folder), self._sync)
+        if self.repaired.is_something:
+            done = self.repaired
+            self.add_event(
+                events.REPAIRED, trials=done.trials, rows=done.rows, ticks_kept_elsewhere=done.ticks_kept_elsewhere,
+                not_repaired=done.not_repaired,
+            )  # fmt: skip
+            self.database.commit()
+        self._summary = events.journal_summary(self.folder)
+        self.rows = files.rows_of(self.folder)
+        for folder, runs in self._runs.items():
+            runs.update(files.runs_used(self.folder, folder))
+        files.refresh_session_table(self.folder, self.rows, self._sync)
+
     def close(self) -> None:
-        """Note where the journal ends, and release the lock."""
-        with contextlib.suppress(InputError):  # it cannot be read: the next reader is told so
-            events.close_journal(self.folder, self._sync)
-        self._lock.release()
+        """Write what is in memory, and release the lock. OSError: it cannot be written, and the session stays open."""
+        self.database.commit()
+        self.end()
+
+    def abandon(self) -> None:
+        """Let go of it, and forget what is in memory: simulated trials can be run again."""
+        self.database.disconnect()
+        self.lock.release()
+
+    def end(self) -> str:
+        """Close in any case: what the disk refuses goes to another place (`settle.rescue_places`), else it is lost.
+
+        Where it is, or what is lost, one sentence without its full stop; "": everything is written.
+        """
+        try:
+            self.database.close()
+            return ""
+        except OSError as error:
+            if not self.database.pending:
+                return ""
+            ticks = self.database.pending_ticks
+            what = (
+                f"{self.folder}: {ticks:,} ticks and {self.database.pending:,} changes in all were refused by the disk"
+            )
+            said = f"{what} ({reason_of(error)}) and are lost"
+            for place in rescue_places(self.database.identity):
+                try:
+                    make_folders(place.parent)
+                    self.database.rescue(place)
+                except OSError:
+                    continue
+                said = f"{what} ({reason_of(error)}): they are in {place}, and the session takes them when it is opened"
+                break
+            print(f"phd: {said}", file=sys.stderr, flush=True)
+            return said
+        finally:
+            self.lock.release()
 
     def journal(self, event: events.Event, **about: Any) -> None:
-        """Append a line (`time`: if not now)."""
-        events.write_event(self.folder, event, self._sync, **about)
-        self._publish(event, about)
+        """Write an event, with all that is in memory. OSError: it stays in memory."""
+        self.add_event(event, **about)
+        self.database.commit()
 
-    def _publish(self, event: events.Event, about: dict[str, Any]) -> None:
-        if self._in_memory is not None:
-            self._in_memory.add_event(event, about)
+    def add_event(self, event: events.Event, **about: Any) -> None:
+        """Add an event, for the next commit."""
+        self._journal.write(event, **about)
         if self._on_event is not None:
             self._on_event(event, about)
 
@@ -201,7 +265,7 @@ class Session:
     @property
     def _waiting(self) -> list[PlannedTrial]:
         """The planned trials still to be run, in order."""
-        return files.open_trials(self.plan, self.rows, self._summary.postponed)
+        return open_trials(self.plan, self.rows, self._summary.postponed)
 
     @property
     def finished_count(self) -> int:
@@ -221,7 +285,7 @@ class Session:
         due = self._summary.practised[coming.configuration] < self.protocol.practice_trials
         if due and self.person is None and not is_begun:
             return self.next_practice()
-        used = self._runs_used(files.TRIALS) | {row.run for row in self.rows}
+        used = self._runs[files.TRIALS] | {row.run for row in self.rows}
         if coming.run not in used:
             return coming
         return coming._replace(run=max(used | {trial.run for trial in self.plan}) + 1)
@@ -233,12 +297,8 @@ class Session:
         configuration = waiting[0].configuration
         number = self._summary.practised[configuration] + 1
         planned = practice_trial(self.protocol, self.participant, configuration, number, bool(self._key))
-        run = max(self._runs_used(files.PRACTICE), default=0) + 1
+        run = max(self._runs[files.PRACTICE], default=0) + 1
         return planned._replace(run=run, controller=planned.controller if self.blind else self._controller_of(planned))
-
-    def _runs_used(self, folder: str) -> set[int]:
-        """Every run number that a file has or had."""
-        return files.runs_used(self.folder, folder) | (self._in_memory.runs[folder] if self._in_memory else set())
 
     @property
     def break_due(self) -> bool:
@@ -272,7 +332,7 @@ class Session:
         return self._simulations[configuration]
 
     def begin(self, planned: PlannedTrial, sensors: Sensors | None = None) -> tuple[Trial, RecordingWriter]:
-        """Open a trial, or a practice trial (block 0), and its recording.
+        """Open a trial, or a practice trial (block 0), and its recording. OSError: the disk takes no more.
 
         sensors: of the device on the bench; None: the device is simulated.
         """
@@ -290,103 +350,71 @@ class Session:
             trial = SimulatedTrial(self.simulation(planned.configuration), planned, conditions, self.person, generator)
         is_practice = planned.block == PRACTICE_BLOCK
         folder = files.PRACTICE if is_practice else files.TRIALS
-        (self.folder / folder).mkdir(exist_ok=True)
-        writer = RecordingWriter(
-            files.run_path(self.folder, planned.run, STREAM_SUFFIX, folder), file.braked, self._metadata(trial, preset),
-            sync=self._sync, sensors=sensors, decisions=self._decisions(preset),
-        )  # fmt: skip
-        if self._in_memory is not None:
-            self._in_memory.runs[folder].add(planned.run)
-        try:
+        with self.database.at_once():
+            writer = RecordingWriter(
+                self.database, (folder, planned.run), file.braked, self._metadata(trial, preset), sensors,
+                self._decisions(preset),
+            )  # fmt: skip
             self.journal(events.PRACTICE_BEGUN if is_practice else events.BEGUN, **planned._asdict())
-        except OSError:
-            writer.abandon()
-            raise
+        self._runs[folder].add(planned.run)
         return trial, writer
 
     def _decisions(self, preset: Preset) -> tuple[str, ...]:
         """Words of the decisions in a recording; while the session is blind they tell no controller from another."""
         return decision_words(self.protocol.controllers.values()) if self.blind else preset.decisions
 
-    def finish(
-        self, trial: Trial, writer: RecordingWriter, cut_short: bool = False, accept_stream: bool = False
-    ) -> TrialRow:
-        """Close and verify the recording, measure it, and add the row to the table.
+    def finish(self, trial: Trial, writer: RecordingWriter, cut_short: bool = False) -> TrialRow:
+        """Close the recording, measure it, and add its row.
 
-        cut_short: the experimenter did not end the trial: it is "stopped", and its cell comes again. accept_stream: if
-        the Parquet file cannot be written, the stream is the recording until `recover_interrupted`. OSError if the
-        recording or the row cannot be written: `recover_interrupted` writes it later.
+        cut_short: the experimenter did not end the trial: it is "stopped", and its cell comes again. OSError: the disk
+        takes no more; what is missing is in memory, and the same call goes on from there.
         """
-        outcome = trial.outcome()
-        if cut_short and outcome["status"] == "aborted":
-            outcome["status"] = "stopped"
-        writer.close(outcome)
-        try:
-            recording = convert_to_parquet(writer.path, sync=self._sync)
-        except OSError as error:
-            if not accept_stream:
-                raise
-            self.journal(events.LEFT_AS_STREAM, file=writer.path.name, reason=error.strerror or str(error))
-            recording = read_recording(writer.path)
-        row = self._summary.row(row_of(recording, self.folder))
-        ended = {"run": row.run, "status": row.status, "reason": outcome["reason"]}
-        if trial.planned.block == PRACTICE_BLOCK:
-            self.journal(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
-            self._summary.practised[row.configuration] += row.status in COUNTED
-        else:
-            self._add_row(row)
-            self.journal(events.ENDED, **ended)
+        row = self._closed.get(writer.trial)
+        if row is None:
+            outcome = trial.outcome()
+            if cut_short and outcome["status"] == "aborted":
+                outcome["status"] = "stopped"
+            writer.close(outcome)
+            self.database.commit()
+            recording = close_trial(self.folder, self.database, writer.trial, self._sync)
+            row = self._summary.row(row_of(recording, self.folder))
+            self._add_ended(row, outcome["reason"], trial.planned.block == PRACTICE_BLOCK)
+            self._closed[writer.trial] = row
+        self._store_rows()
         return row
 
-    def recover_interrupted(self) -> list[str]:
-        """Write what a full disk or a crash left unwritten, while no trial runs.
+    def _add_ended(self, row: TrialRow, reason: str, is_practice: bool) -> None:
+        ended = {"run": row.run, "status": row.status, "reason": reason}
+        if is_practice:
+            self.add_event(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
+            self._summary.practised[row.configuration] += row.status in COUNTED
+        else:
+            self.add_event(events.ENDED, **ended)
+            self._add_row(row)
 
-        Returns what cannot be rescued. OSError: the disk is still full.
-        """
-        done = recover_session(self.folder, self._sync)
-        self.rows[:] = files.rows_of(self.folder)
-        return done.not_rescued
+    def rescue(self, writer: RecordingWriter) -> None:
+        """Close a trial whose loop was lost, with all its ticks, as recovered. OSError: as `finish`."""
+        writer.flush()
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Write what the disk had refused, while no trial runs. OSError: it still does."""
+        self.database.commit()
+        self._repair()
 
     # -------------------------------------------------------------------------------------------- a folder that is gone
 
     def missing_files(self) -> str:
         """What is missing from its folder, one sentence without its full stop; "": nothing. Reads the disk."""
-        return self._in_memory.missing_files(self.folder, self.rows) if self._in_memory else ""
+        places = (*reversed(self.folder.parents), self.folder, self.database.path)
+        gone = next((path for path in places if not path.exists()), None)
+        return f"{gone} is gone" if gone else ""
 
-    def refuse_other_folder(self) -> None:
-        """FileNotFoundError if its folder is gone, or is another session's now: we must not write there."""
-        if self._in_memory is not None and not self._in_memory.is_ours(self.folder):
-            raise FileNotFoundError(errno.ENOENT, f"{self.folder} is not there")
-
-    def take_lock_again(self) -> None:
-        """Take the lock of a folder that is back. InputError if another process has it."""
-        self._lock.release()
-        self._lock = files.hold_lock(self.folder)
-
-    def move_to(self, data_dir: Path, unsaved: RecordingWriter | None = None) -> int:
-        """Move to another data folder, with all of this one that can be read or is in memory.
-
-        Returns how many recordings could not be copied; their trials keep their rows. unsaved: a recording in memory,
-        which moves too. InputError or OSError: nothing has changed, and nothing is left there.
-        """
-        assert self._in_memory is not None
-        folder = refuse_place(data_dir, self.participant)
-        with refusing(folder, "cannot be created"):
-            (folder / files.TRIALS).mkdir(parents=True)
-        lock = None
-        try:
-            lock = files.hold_lock(folder)
-            behind = self._in_memory.write_into(folder, self.folder, self.rows, self._sync)
-            if unsaved is not None:
-                unsaved.save(folder / unsaved.path.relative_to(self.folder))
-        except BaseException:
-            if lock is not None:
-                lock.release()
-            discard(folder)
-            raise
-        self._lock.release()
-        self._lock, self.data_dir, self.folder, self._table = lock, data_dir, folder, b""
-        return behind
+    def open_again(self) -> None:
+        """Open a folder that is back. InputError: another process has it, or it is another session's. OSError."""
+        self.lock.release()
+        self.lock = files.hold_lock(self.folder)
+        self.database.reopen()
 
     # ------------------------------------------------------------------------------------ decisions of the experimenter
 
@@ -395,12 +423,13 @@ class Session:
         planned = self.next_planned()
         if planned is None:
             raise InputError("all trials of the plan are done, there is none to skip")
-        self.journal(events.SKIPPED, **planned._asdict(), reason=reason)
+        self.add_event(events.SKIPPED, **planned._asdict(), reason=reason)
         row = self._summary.row(events.unmeasured_row(self.folder, planned._asdict(), "skipped"))
         if planned.block == PRACTICE_BLOCK:
             self._summary.practised[planned.configuration] += 1
         else:
             self._add_row(row)
+        self._store_rows()
         return row
 
     def redo(self, run: int, reason: str, at_end: bool = False) -> TrialRow:
@@ -422,10 +451,11 @@ class Session:
         return self._mark(run, events.EXCLUDED, reason)
 
     def _mark(self, run: int, event: events.Event, reason: str) -> TrialRow:
-        rows = events.mark_run(self.folder, self.rows, run, event, reason, self._sync)
-        self._publish(event, {"run": run, "reason": reason})
-        self._replace_rows(rows)
-        return next(row for row in rows if row.run == run)
+        self.rows = events.mark_run(self.database, self._journal, self.rows, run, event, reason)
+        if self._on_event is not None:
+            self._on_event(event, {"run": run, "reason": reason})
+        self._store_rows()
+        return next(row for row in self.rows if row.run == run)
 
     def unblind(self, who: str) -> None:
         """Open the key, so that the tables show controllers; who did it is journalled first.
@@ -436,29 +466,32 @@ class Session:
             raise InputError(f"{self.folder}: is not blind, there is no key to open")
         if not who.strip():
             raise InputError(f"{self.folder}: say who opens the key")
-        self.journal(events.UNBLINDED, who=who, key=self._key)
-        self._summary, self.blind = events.journal_summary(self.folder), False
+        self.add_event(events.UNBLINDED, who=who, key=self._key)
+        self._summary.key, self.blind = self._key, False
         self.plan = self._summary.plan(self.plan)
-        self._replace_rows(events.rows_as_journalled(self.folder, self.rows, self._summary))
-        if (self.data_dir / files.TABLE).exists():
-            files.write_pooled_table(self.data_dir)
+        self.rows = [self._unblinded(row) for row in self.rows]
+        for number, row in enumerate(self.rows, start=1):
+            files.put_row(self.database, row, number)
+        self._store_rows()
+
+    def _unblinded(self, row: TrialRow) -> TrialRow:
+        """A row with what the coded one lacks, measured again."""
+        recording = read_recording(self.folder / row.recording) if row.recording else None
+        return self._summary.row(row_of(recording, self.folder) if recording and recording.whole else row)
 
     def _add_row(self, row: TrialRow) -> None:
-        names = {number: preset.name for number, preset in self.protocol.controllers.items()}
-        self._table = append_row(self.folder / files.TABLE, row, self._table, self._sync, names)
-        self.rows.append(row)
+        files.add_row(self.database, row)
+        self.rows = [*self.rows, row]
 
-    def _replace_rows(self, rows: list[TrialRow]) -> None:
-        if (self.folder / files.TABLE).exists():
-            write_table(self.folder / files.TABLE, as_table(rows), replacing=True)
-        self.rows = rows
-        if (self.data_dir / files.STUDY).exists() and (self.data_dir / files.TABLE).exists():
-            files.write_pooled_table(self.data_dir)  # of other folders the session server keeps it
+    def _store_rows(self) -> None:
+        """Commit what is in memory, and write the table of the rows."""
+        self.database.commit()
+        files.write_session_table(self.folder, self.rows, self._sync)
 
     # ------------------------------------------------------------------------------------------------ contents of files
 
     def _common(self) -> dict[str, Any]:
-        """The metadata that session.json and the recordings both store."""
+        """What the database and the metadata of each recording both say."""
         return {
             "participant": self.participant,
             "operators": self.operators._asdict() if self.operators else None,
@@ -469,17 +502,14 @@ class Session:
             "plan_sha256": self.plan_sha256,
         }
 
-    def _session_json(self, key_sha256: str) -> dict[str, Any]:
-        """The content of session.json. key_sha256: of the key of a blind session, else empty."""
+    def _about(self) -> dict[str, Any]:
+        """What the database says about a new session."""
         return self._common() | {
             "created": events.now(),
             "hand": self.hand,
             "person": self.person._asdict() if self.person else None,
             "assumed": self.protocol.assumed,
-            "protocol": protocol_to_json(self.protocol),
             "blind": self.blind,
-            "key_sha256": key_sha256,
-            "plan": plan_to_json(self.plan),
             "versions": versions(),
         }
 

@@ -1,11 +1,14 @@
-"""journal.jsonl of a session: one line for each event, never rewritten; and what follows from it for the table.
+"""The journal of a session: its events, numbered, never rewritten; and what follows from them.
 
 A recording says how its trial ended, and never changes. The journal says what was decided later: trials redone, skipped
-or excluded, a key opened. It is written before the table, so that a damaged table can be made again from journal and
-recordings, and `phd analyze` gives the same one.
+or excluded, a key opened. An event and the row that it changes are committed together.
+
+Events stand in the order of their numbers: a wall clock can be set back. A jump of it is an event, too.
 """
 
-import os
+import contextlib
+import json
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,25 +21,16 @@ import msgspec
 
 from core.device_interface import ZeroRecord
 from core.files import InputError
-from experiments.analysis.trials_table import (
-    COUNTED,
-    FINISHED,
-    STATUSES,
-    TrialRow,
-    as_table,
-    row_of,
-    with_name,
-    write_table,
-)
+from experiments.analysis.trials_table import COUNTED, FINISHED, STATUSES, TrialRow, with_name
+from experiments.atomic_files import MOST_SHOWN, reason_of
 from experiments.plan import PlannedTrial
-from experiments.recording import PARQUET_SUFFIX, STREAM_SUFFIX
-from experiments.recording.atomic_files import MOST_SHOWN, append_whole, reading_stored, reason_of
-from experiments.recording.reader import read_recording
-from experiments.session.blind import blinded, unblinded
-from experiments.session.checksums import fault_of_end, next_line, note_end, noted_end, read_lines
-from experiments.session.files import CRASHED, TABLE, controller_names, hold_lock, rows_of, write_pooled_table
+from experiments.store.blind import blinded, unblinded
+from experiments.store.database import Database, reading
+from experiments.store.files import hold_lock, put_row, rows_of, write_session_table
+from experiments.store.stored import controller_names
 
-NAME = "journal.jsonl"
+CLOCK_JUMP_S = 2.0  # our choice: what the network's time does at once, and no slow correction
+NAME = "journal"
 
 # ---------------------------------------------------------------------------------------------------------- the events
 
@@ -53,21 +47,19 @@ _Run = Annotated[int, msgspec.Meta(ge=1, le=10**6)]
 _Code = Annotated[str, msgspec.Meta(pattern=r"^K[1-9]\d{0,5}\Z")]
 _Status = Annotated[str, msgspec.Meta(pattern=rf"^({'|'.join(STATUSES)})\Z")]
 _Values = dict[str, float | str | bool | None]
-_TEXTS = ("recovered", "completed", "rows_added", "rows_changed", "set_aside", "removed")
 _TRIAL = {
     "run": _Run, "block": _Count, "configuration": str, "controller": _Count | _Code, "segment": _Count,
     "repetition": _Count,
 }  # fmt: skip
 
 CREATED = Event("created", {"plan": str})  # hash of the plan
-CONSENT = Event("consent", {"agreed": bool})  # its time: of the answer
+CONSENT = Event("consent", {"agreed": bool, "answered": str})  # ISO, UTC
 RESUMED = Event("resumed", {"open": _Count})  # trials still to come
 PRACTICE_BEGUN = Event("practice begun", _TRIAL)
 PRACTICE_ENDED = Event("practice ended", {"run": _Run, "status": _Status, "reason": str, "configuration": str})
 BEGUN = Event("trial begun", _TRIAL)
 ENDED = Event("trial ended", {"run": _Run, "status": _Status, "reason": str})
 TRIAL_CUT_OFF = Event("trial cut off", {"run": _Run, "reason": str})  # of a study whose disk is full
-LEFT_AS_STREAM = Event("left as a stream", {"file": str, "reason": str})
 SKIPPED = Event("skipped", {**_TRIAL, "reason": str})
 REDONE = Event("redone", {"run": _Run, "reason": str})
 POSTPONED = Event("postponed", {"run": _Run})  # its trial comes again at the end of its configuration
@@ -87,10 +79,12 @@ HOMED = Event("homed", {"tip_m": list[float], "board": str})
 ZEROED = Event("zero taken", dict.fromkeys(ZeroRecord._fields, list) | {"samples": _Count})
 BRAKES_OFF = Event("brakes off", {"cause": str})
 BRAKES_ALLOWED = Event("brakes allowed", {})
-MOVED = Event("moved", {"from": str})  # the session goes on in this folder
 LOOP_LOST = Event("control loop lost", {"run": _Run, "reason": str})
 WINDOW_LOST = Event("window lost", {})
-SESSION_RECOVERED = Event("recovered", dict.fromkeys((*_TEXTS, "not_rescued"), list[str]))
+REPAIRED = Event(  # what a crash, or a disk that took no more, had left; ticks: that were kept elsewhere
+    "repaired", {"trials": list[str], "rows": list[str], "ticks_kept_elsewhere": _Count, "not_repaired": list[str]}
+)
+CLOCK_JUMPED = Event("clock jumped", {"seconds": float})  # forward, beside the steady clock
 
 EVENTS = {event.name: event for event in tuple(globals().values()) if isinstance(event, Event)}
 
@@ -108,23 +102,27 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def write_event(folder: Path, event: Event, sync: bool = True, time: str = "", **about: object) -> None:
-    """Append one line with its checksums (`checksums`), after ending a line that a crash cut off. time: if not now.
+class JournalWriter:
+    """Writes the events of an open session."""
 
-    OSError, and no half line, on a full disk. TypeError: the event has other fields.
-    """
-    if about.keys() != event.fields.keys():
-        raise TypeError(f"{event.name}: its fields are {sorted(event.fields)}, not {sorted(about)}")
-    handle = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
-    try:
-        with os.fdopen(os.dup(handle), "rb") as file:
-            content = file.read()
-        line = next_line({"time": time or now(), "event": event.name, **about}, content)
-        is_cut = bool(content) and not content.endswith(b"\n")
-        os.lseek(handle, len(content), os.SEEK_SET)
-        append_whole(handle, b"\n" + line if is_cut else line, len(content), sync)
-    finally:
-        os.close(handle)
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._wall_s, self._steady_s = time.time(), time.monotonic()
+
+    def write(self, event: Event, **about: Any) -> None:
+        """Add an event, for the next commit. TypeError: it has other fields."""
+        if about.keys() != event.fields.keys():
+            raise TypeError(f"{event.name}: its fields are {sorted(event.fields)}, not {sorted(about)}")
+        wall_s, steady_s = time.time(), time.monotonic()
+        jump_s = (wall_s - self._wall_s) - (steady_s - self._steady_s)
+        self._wall_s, self._steady_s = wall_s, steady_s
+        if abs(jump_s) > CLOCK_JUMP_S:
+            self._add(CLOCK_JUMPED, {"seconds": round(jump_s, 3)})
+        self._add(event, about)
+
+    def _add(self, event: Event, about: dict[str, Any]) -> None:
+        text = json.dumps(about, allow_nan=False)
+        self._database.add("event", now(), round(self._steady_s, 6), event.name, text)
 
 
 class Journal(NamedTuple):
@@ -136,35 +134,24 @@ class Journal(NamedTuple):
 
 
 def read_journal(folder: Path) -> Journal:
-    """Read every valid event of a session, in order, and the faults of the rest.
+    """Every valid event of a session, in the order of their numbers, and the faults of the rest.
 
-    Left out are lines that do not match their checksum or cannot be read, and events that are not declared or have
-    other fields. InputError if the journal exists and cannot be read at all.
+    Left out are events that do not match their checksum, are not declared or have other fields. InputError: the
+    database cannot be read at all.
     """
-    path = folder / NAME
-    if not path.exists():
-        return Journal([], [], [])
-    end, fault = None, ""
-    try:
-        end = noted_end(folder)
-    except InputError as error:
-        fault = str(error)
-    with reading_stored(path):
-        read = read_lines(path.read_bytes())
-    journal = Journal([], read.faults, read.notes)
-    fault = fault or fault_of_end(end, read)
-    for number, about in read.valid.items():
-        name = about.get("event")
-        event = EVENTS.get(name) if isinstance(name, str) else None
-        try:
-            if event is None:
-                journal.notes.append(f"line {number}: is of an event that this version does not know")
-            else:
-                journal.entries.append(_entry(event, about))
-        except ValueError as error:
-            journal.faults.append(f"line {number}: {event.name if event else 'event'}: {str(error)[:MOST_SHOWN]}")
-    if fault:
-        journal.faults.append(fault)
+    journal = Journal([], [], [])
+    with contextlib.suppress(FileNotFoundError), reading(folder) as stored:
+        for (number, at, _, name, about), whole in stored.rows("event"):
+            try:
+                if not whole:
+                    raise ValueError("does not match its checksum, it was changed")
+                if name not in EVENTS:
+                    journal.notes.append(f"event {number}: this version does not know its kind")
+                else:
+                    journal.entries.append(_entry(EVENTS[name], {"time": at, **json.loads(about)}))
+            except ValueError as error:
+                journal.faults.append(f"event {number}: {str(error)[:MOST_SHOWN]}")
+        journal.faults.extend(fault for table, fault in stored.faults().items() if table in ("event", "counts"))
     return journal
 
 
@@ -196,14 +183,6 @@ def _shown(value: object) -> str:
 def read_events(folder: Path) -> list[JournalEntry]:
     """The valid events of a session, in order."""
     return read_journal(folder).entries
-
-
-def close_journal(folder: Path, sync: bool = True) -> None:
-    """Note where the journal ends, so that lost last lines are noticed. The caller holds the lock."""
-    if (folder / NAME).exists():
-        with reading_stored(folder / NAME):
-            read = read_lines((folder / NAME).read_bytes())
-        note_end(folder, read, sync)
 
 
 # ------------------------------------------------------------------------------------- what follows for table and plan
@@ -277,37 +256,37 @@ MARKS = {
 
 
 def mark_run(
-    folder: Path, rows: Sequence[TrialRow], run: int, event: Event, reason: str, sync: bool = True
+    database: Database, journal: JournalWriter, rows: Sequence[TrialRow], run: int, event: Event, reason: str
 ) -> list[TrialRow]:
-    """Journal that a run is redone or excluded; the rows with its new status.
+    """Journal that a run is redone or excluded, with the next commit; the rows with its new status.
 
-    InputError if there is no such run, its status does not allow it, or an exclusion has no reason.
+    rows: all, in their order. InputError if there is no such run, its status does not allow it, or an exclusion has no
+    reason.
     """
-    found = next((row for row in rows if row.run == run), None)
-    if found is None:
+    place = next((place for place, row in enumerate(rows) if row.run == run), None)
+    if place is None:
         raise InputError(f"run {run}: is not done yet")
     if event is EXCLUDED and not reason.strip():
         raise InputError(f"run {run}: a reason is needed to exclude it")
     of, otherwise = MARKS[event.name]
-    if found.status not in of:
-        raise InputError(f"run {run}: is {found.status}: {otherwise}")
-    write_event(folder, event, sync, run=run, reason=reason)
-    return [replace(row, status=event.name) if row is found else row for row in rows]
+    if rows[place].status not in of:
+        raise InputError(f"run {run}: is {rows[place].status}: {otherwise}")
+    journal.write(event, run=run, reason=reason)
+    marked = replace(rows[place], status=event.name)
+    put_row(database, marked, place + 1)
+    return [*rows[:place], marked, *rows[place + 1 :]]
 
 
 def exclude_run(folder: Path, run: int, reason: str) -> None:
-    """Exclude a run of a session that is not open, and rewrite the tables.
+    """Exclude a run of a session that is not open, and write its table again.
 
     InputError: a live process has the session, it cannot be written, or the run does not count anyway.
     """
-    data_dir = folder.parents[1]
     try:
-        with hold_lock(folder):
-            rows = mark_run(folder, rows_of(folder), run, EXCLUDED, reason)
-            write_table(folder / TABLE, as_table(rows), replacing=True)
-            close_journal(folder)
-            if (data_dir / TABLE).exists():
-                write_pooled_table(data_dir)
+        with hold_lock(folder), Database(folder) as database:
+            rows = mark_run(database, JournalWriter(database), rows_of(folder), run, EXCLUDED, reason)
+            database.commit()
+            write_session_table(folder, rows)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({reason_of(error)})") from None
 
@@ -318,31 +297,9 @@ def exclusion_of(folder: Path, run: int) -> str:
     return reasons[-1] if reasons else "the journal does not give the reason"
 
 
-def rows_as_journalled(session: Path, rows: Sequence[TrialRow], journal: JournalSummary) -> list[TrialRow]:
-    """The rows of a table, updated by the journal.
-
-    What a coded row lacks comes from its recording. A stream that has become Parquet is named as Parquet.
-    """
-
-    def as_journalled(row: TrialRow) -> TrialRow:
-        if journal.key is not None and isinstance(row.controller, str) and row.recording:
-            recording = read_recording(session / row.recording)
-            row = row_of(recording, session) if recording.whole else row
-        row, parquet = journal.row(row), row.recording.removesuffix(STREAM_SUFFIX) + PARQUET_SUFFIX
-        became_parquet = row.recording.endswith(STREAM_SUFFIX) and (session / parquet).exists()
-        return replace(row, recording=parquet) if became_parquet else row
-
-    return [as_journalled(row) for row in rows]
-
-
 def rows_without_recording(session: Path, journal: JournalSummary) -> list[TrialRow]:
-    """Rows of trials without a recording: skipped ones, and those of which a crash left no tick."""
-    rows = [unmeasured_row(session, event, "skipped") for event in journal.skipped.values()]
-    for run, event in journal.begun.items():
-        lost = any(session.glob(f"trials/run-{run:03d}{STREAM_SUFFIX}.{CRASHED}*"))
-        if lost and not (session / f"trials/run-{run:03d}{PARQUET_SUFFIX}").exists():
-            rows.append(unmeasured_row(session, event, "recovered"))
-    return sorted(map(journal.row, rows), key=lambda row: row.run)
+    """Rows of trials that were skipped."""
+    return [journal.row(unmeasured_row(session, event, "skipped")) for event in journal.skipped.values()]
 
 
 def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:

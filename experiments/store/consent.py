@@ -1,6 +1,6 @@
 """Consent: what a participant answered to the protocol's question whether they take part.
 
-The answer stands in session.json, which is written at once or not at all, and in the journal. The session of a
+The answer stands in the database of the session, and in its journal. The session of a
 participant who declined holds nothing else. No signature is kept.
 """
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from core.files import InputError
 from experiments.protocol import Protocol
 
-KEY = "consent"  # in session.json
+KEY = "consent"  # in the table `about`
 
 
 class ConsentAnswer(NamedTuple):
@@ -30,7 +30,7 @@ def refuse_consent(protocol: Protocol, participant: str, answer: ConsentAnswer |
 
 
 def agreed(about: Mapping[str, Any]) -> bool | None:
-    """Whether the participant agreed, by session.json; None: not asked, or it cannot be read."""
+    """Whether the participant agreed, by what is stored; None: not asked, or it cannot be read."""
     stored = about.get(KEY)
     answer = stored.get("agreed") if isinstance(stored, dict) else None
     return answer if isinstance(answer, bool) else None

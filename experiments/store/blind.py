@@ -1,27 +1,20 @@
 """Blind sessions: the controllers stand as codes, K1, K2, .., everywhere but in the key.
 
-The key is drawn from the system's randomness, so neither seed nor plan gives it away, and lies in a file of its own
-beside session.json, which holds only its SHA-256 (with a salt in the file: the key cannot be found by trying all).
+The key is drawn from the system's randomness, so neither seed nor plan gives it away, and stands in a table of its own
+in the session's database (`blind_key`), where nobody meets it who looks for something else.
 While a session is blind its plan, journal, table and the metadata of its recordings hold codes, and the table leaves
 out what reveals a controller by itself. The ticks of a recording hold currents and decisions: they reveal it to a
 reader.
 """
 
-import hashlib
-import json
 import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TypeVar
 
-from core.files import InputError
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial, codes
-from experiments.recording.atomic_files import reading_stored, replace_file
-
-KEY = "key.json"
 
 Coded = TypeVar("Coded", PlannedTrial, TrialRow)
 
@@ -31,23 +24,6 @@ def new_key(controllers: Iterable[int]) -> dict[str, int]:
     shuffled = list(controllers)
     secrets.SystemRandom().shuffle(shuffled)
     return dict(zip(codes(len(shuffled)), shuffled, strict=True))
-
-
-def write_key(session: Path, key: Mapping[str, int], sync: bool) -> str:
-    """Store the key of a new session; its SHA-256. OSError if it cannot be written."""
-    data = json.dumps({"controllers": key, "salt": secrets.token_hex(16)}, indent=1).encode() + b"\n"
-    replace_file(session / KEY, data, sync)  # there is none, or one of a session that a crash left half created
-    return hashlib.sha256(data).hexdigest()
-
-
-def read_key(session: Path, sha256: str) -> dict[str, int]:
-    """Read the key of a session. InputError if it is missing or not the one that session.json names."""
-    path = session / KEY
-    with reading_stored(path):
-        data = path.read_bytes()
-        if hashlib.sha256(data).hexdigest() != sha256:
-            raise InputError(f"{path}: does not match key_sha256 of session.json, it was changed")
-        return {str(code): int(number) for code, number in json.loads(data)["controllers"].items()}
 
 
 def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:

@@ -16,6 +16,7 @@ from pathlib import Path
 from core.files import InputError
 
 PARTIAL_FILES = ".*.partial"  # what a crash in the middle of writing leaves
+PRIVATE_FILE, PRIVATE_FOLDER = 0o600, 0o700  # answers of participants are in them, and keys of blind sessions
 HELD_OPEN = (5, 32, 33)  # winerror: access denied (so a replaced file that is open), sharing violation, locked
 MOST_SHOWN = 200  # characters of a reason
 TRIES, TRY_S = 40, 0.05  # 2 s. Our choice: such programs keep a new file for some 100 ms
@@ -95,7 +96,7 @@ def refuse_existing_files(files: Iterable[Path]) -> None:
 def make_empty_folder(folder: Path, needs: str, besides: Collection[str] = ()) -> None:
     """Make a folder, or accept one that is empty but for files of these names; else InputError."""
     with refusing(folder, "cannot be used"):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folders(folder)
         if {path.name for path in folder.iterdir()} - set(besides):
             raise InputError(f"{folder}: is not empty; {needs}")
 
@@ -133,7 +134,7 @@ def new_folders(places: Sequence[Path], needs: str) -> Iterator[list[Path]]:
         for place, partial in zip(places, filled, strict=True):
             with refusing(place, "cannot be created"):
                 shutil.rmtree(partial, ignore_errors=True)  # left by a kill
-                partial.mkdir(parents=True)
+                make_folders(partial, sync=False)
         yield filled
         for place, partial in zip(final, filled, strict=True):
             with contextlib.suppress(FileNotFoundError):
@@ -170,7 +171,7 @@ def write_new_files(contents: Mapping[Path, bytes]) -> None:
     try:
         for file, content in contents.items():
             with refusing(file, "cannot be written"):
-                file.parent.mkdir(parents=True, exist_ok=True)
+                make_folders(file.parent, sync=False)
             write_new_file(file, content)
             written.append(file)
     except BaseException:
@@ -183,15 +184,22 @@ def write_new_files(contents: Mapping[Path, bytes]) -> None:
 
 
 @contextlib.contextmanager
-def written_beside(target: Path, data: bytes, sync: bool) -> Iterator[Path]:
-    """A file with `data` beside `target`, to be checked and then renamed; removed at the end if it was not.
-
-    sync: wait until it is on the disk. OSError if it cannot be written.
-    """
+def new_beside(target: Path) -> Iterator[Path]:
+    """A new empty file beside `target`, to be filled, checked and then renamed; removed at the end if it was not."""
     partial = partial_name(target)
     remove(partial)  # left by a crash; it may be a second name of a file that is whole
     try:
-        with partial.open("xb") as file:
+        os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE_FILE))
+        yield partial
+    finally:
+        remove(partial)
+
+
+@contextlib.contextmanager
+def written_beside(target: Path, data: bytes, sync: bool) -> Iterator[Path]:
+    """The same, with `data` in it. sync: wait until it is on the disk. OSError if it cannot be written."""
+    with new_beside(target) as partial:
+        with partial.open("wb") as file:
             file.write(data)
             file.flush()
             if sync:
@@ -199,22 +207,6 @@ def written_beside(target: Path, data: bytes, sync: bool) -> Iterator[Path]:
         yield partial
         if sync:
             sync_folder(target.parent)
-    finally:
-        remove(partial)
-
-
-def append_whole(handle: int, data: bytes, end: int, sync: bool = False) -> None:
-    """Append `data` at byte `end` of an open file, whole; or nothing, and OSError."""
-    written = 0
-    try:
-        while written < len(data):
-            written += os.write(handle, data[written:] if written else data)
-        if sync:
-            os.fsync(handle)
-    except OSError:
-        with contextlib.suppress(OSError):
-            os.ftruncate(handle, end)
-        raise
 
 
 def give_new_name(partial: Path, target: Path) -> None:
@@ -229,19 +221,22 @@ def give_new_name(partial: Path, target: Path) -> None:
         rename(partial, target)
 
 
-def set_aside(path: Path, word: str) -> Path:
-    """Rename a file to the first free name of path.WORD, path.WORD-2, ..; returns it."""
-    number = 1
-    while True:
-        target = path.with_name(f"{path.name}.{word}" + (f"-{number}" if number > 1 else ""))
-        try:
-            give_new_name(path, target)
-        except FileExistsError:
-            if not path.samefile(target):  # else: a crash came between the two names
-                number += 1
-                continue
-        remove(path)  # it has two names where the file system has links
-        return target
+def make_folders(folder: Path, sync: bool = True) -> None:
+    """Make a folder and those above it that are missing, for this user alone; one that is there stays as it is."""
+    for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
+        place.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
+        if sync:
+            sync_folder(place.parent)
+    folder.mkdir(exist_ok=True)  # FileExistsError: it is a file
+
+
+def sync_file(file: Path) -> None:
+    """Bring the content of a file to the disk. OSError: it does not take it."""
+    handle = os.open(file, os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def sync_folder(folder: Path) -> None:

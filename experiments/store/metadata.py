@@ -1,4 +1,4 @@
-"""Parts of session.json and of the metadata of recordings: controllers, operators, versions, as JSON holds them."""
+"""Parts of the database and of the metadata of recordings: controllers, operators, versions, as JSON holds them."""
 
 import importlib.metadata
 import platform

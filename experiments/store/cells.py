@@ -1,0 +1,37 @@
+"""The cells of a plan: which of them have a result, and which trials are still to be run."""
+
+from collections.abc import Iterable, Sequence
+
+from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow
+from experiments.plan import PlannedTrial
+
+
+def cell(trial: PlannedTrial | TrialRow) -> tuple:
+    """The cell of the plan that a trial fills, whatever its run number."""
+    return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
+
+
+def place(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial]) -> int:
+    """The place (1 ..) in the plan of a trial, which may be a repetition with a run number of its own."""
+    return next((number for number, planned in enumerate(plan, start=1) if cell(planned) == cell(trial)), trial.run)
+
+
+def finished_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
+    """The cells of the plan that need no further trial, and those of them without a result."""
+    rows = list(rows)
+    finished = {cell(row) for row in rows if row.status in FINISHED}
+    return finished, finished - {cell(row) for row in rows if row.status in COUNTED}
+
+
+def open_trials(
+    plan: tuple[PlannedTrial, ...], rows: list[TrialRow], postponed: Sequence[int] = ()
+) -> list[PlannedTrial]:
+    """The planned trials still to be run, in order; those of postponed runs come last in their configuration."""
+    finished, _ = finished_cells(rows)
+    waiting = [trial for trial in plan if cell(trial) not in finished]
+    if postponed:
+        cells = [cell(row) for run in postponed for row in rows if row.run == run]
+        devices = list(dict.fromkeys(trial.configuration for trial in plan))
+        turn = {last: place for place, last in enumerate(cells, start=1)}  # asked for twice: the later place
+        waiting.sort(key=lambda trial: (devices.index(trial.configuration), turn.get(cell(trial), 0)))
+    return waiting
