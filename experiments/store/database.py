@@ -407,7 +407,7 @@ def reading(folder: Path, name: str = DATABASE, identity: str = "") -> Iterator[
         try:
             refuse_format(db, path)
             yield Stored(db, path, identity)
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is damaged ({error})") from None
 
 
@@ -454,9 +454,13 @@ def _as_os_error(path: Path) -> Iterator[None]:
     """Turn what SQLite says of the disk into an OSError, and what it says of the file into an InputError."""
     try:
         yield
+    except UnicodeDecodeError:  # of SQLite's own sentence, which repeats what it has found
+        raise InputError(f"{path}: is damaged (what it holds is no text)") from None
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB) or isinstance(error, sqlite3.DataError):
+        if code in (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB) or isinstance(
+            error, sqlite3.DataError
+        ):
             raise InputError(f"{path}: is damaged ({error})") from None
         number = _ERRNO.get(code)
         raise OSError(number or errno.EIO, os.strerror(number) if number else str(error), str(path)) from None

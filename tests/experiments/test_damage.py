@@ -202,6 +202,15 @@ def test_a_file_that_is_no_database_of_ours_is_refused_in_one_sentence(data):
     assert "is no database of PHD" in str(verify(data)["faults"])
 
 
+@pytest.mark.parametrize("wrong", [b"nvmber", b"n\xf4mber"])
+def test_a_flipped_bit_in_the_names_of_columns_is_one_sentence(data, wrong):
+    path = of(data) / DATABASE
+    path.write_bytes(path.read_bytes().replace(b"TABLE event (number", b"TABLE event (" + wrong))
+    assert "session.db" in str(found(data)) and "is damaged" in str(found(data))
+    with pytest.raises(InputError, match="is damaged"):
+        Session.resume(data, "01", sync=False)
+
+
 def test_one_writer_at_a_time_and_readers_at_any(tmp_path):
     session = new_session(tmp_path, protocol=short())
     with pytest.raises(InputError, match="another PHD window or study is using this folder"):
