@@ -47,8 +47,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 
 def check_kept(case: Case) -> None:
     """The recording is whole, has every tick, and says why it ended; no current is in it but in the movement."""
+    if case.killed and case.ticks == 0:  # no tick was made: there is nothing to record
+        assert case.row.status == "recovered" and not case.row.recording
+        return
     recording = case.recording
-    assert recording.rows == case.ticks and (case.ticks > 0 or case.killed)
+    assert recording.rows == case.ticks > 0
     if case.killed:
         assert recording.whole and recording.outcome["status"] == case.row.status == "recovered"
     else:
