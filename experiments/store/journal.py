@@ -107,13 +107,13 @@ class JournalWriter:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._wall_s, self._steady_s = time.time(), time.monotonic()
+        self._wall_s, self._steady_s = time.time(), time.perf_counter()
 
     def write(self, event: Event, **about: Any) -> None:
         """Add an event, for the next commit. TypeError: it has other fields."""
         if about.keys() != event.fields.keys():
             raise TypeError(f"{event.name}: its fields are {sorted(event.fields)}, not {sorted(about)}")
-        wall_s, steady_s = time.time(), time.monotonic()
+        wall_s, steady_s = time.time(), time.perf_counter()
         jump_s = (wall_s - self._wall_s) - (steady_s - self._steady_s)
         self._wall_s, self._steady_s = wall_s, steady_s
         if abs(jump_s) > CLOCK_JUMP_S:

@@ -131,13 +131,14 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
         ),  # practice cannot be skipped
     ],
 )
-def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(tmp_path, monkeypatch, status, block, said):
-    monkeypatch.setattr("app.session_server.storage.write_pooled_table", lambda folder: None)
+def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(monkeypatch, status, block, said):
     heard: list[str] = []
     row = replace(result(PLAN[2], status), block=block, run=62)  # a repetition, whose run the plan does not show
-    storage = Storage(tmp_path, SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
+    storage = Storage(SimpleNamespace(run=None), lambda text, bad=False: heard.append(text))
     storage.progress = SessionProgress.__new__(SessionProgress)
-    storage.progress.session = SimpleNamespace(plan=PLAN)
+    storage.progress.session = SimpleNamespace(
+        plan=PLAN, rows=(), go_on=lambda: None, database=SimpleNamespace(commit=lambda: None)
+    )
     for name in ("trial_ended", "update_next", "without_valid_trial"):
         monkeypatch.setattr(SessionProgress, name, lambda *_: "")
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})

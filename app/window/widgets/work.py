@@ -75,10 +75,10 @@ class BackgroundTask(QObject):
 
         One that waits for something that does not come back, as a folder on a network, is left where it is.
         """
-        end_s = time.monotonic() + LONGEST_END_S
+        end_s = time.perf_counter() + LONGEST_END_S
         for task in cls._unfinished:
             for thread in task._threads.values():
-                thread.join(max(end_s - time.monotonic(), 0.0))
+                thread.join(max(end_s - time.perf_counter(), 0.0))
         cls._unfinished.clear()
 
 
