@@ -100,7 +100,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
 
     windows.client.send(m.Start())
     wait_until(lambda: main.snapshot.stage == m.RUNNING)
-    QTest.keyClick(windows.participant, Qt.Key.Key_Escape)
+    QTest.keyClick(windows.participant.windowHandle(), Qt.Key.Key_Escape)
     wait_until(lambda: len(main.snapshot.rows) == 2 and main.snapshot.brakes_off)
     assert main.snapshot.rows[1].status == "stopped"
     assert "Esc was pressed on the participant's screen" in main.preflight.banner.text()

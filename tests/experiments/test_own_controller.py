@@ -20,7 +20,7 @@ from core.control.own_file import read_own
 from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
-from experiments.protocol_writer import Variant, save_protocol, save_variant
+from experiments.protocol_writer import Variant, protocol_text, save_protocol, save_variant
 from experiments.store.metadata import preset_from_json, preset_to_json
 from experiments.store.reader import read_recording
 from experiments.store.session import Participant, Session
@@ -120,7 +120,8 @@ def test_a_shipped_file_is_found_from_everywhere_and_one_beside_the_protocol_com
     (tmp_path / "mine.toml").write_text(text)
     (shipped,) = load_protocol(tmp_path / "mine.toml").controllers.values()
     assert shipped.own and shipped.own.text == (SHIPPED_FOLDER / "damper.py").read_text()
-    save_protocol(tmp_path / "arena.toml", tomllib.loads(load_protocol("arena").text) | {"blocks": 2})
+    content = tomllib.loads(load_protocol("arena").text) | {"blocks": 2}
+    save_protocol(tmp_path / "arena.toml", protocol_text(content))
     again = load_protocol(tmp_path / "arena.toml")
     assert again.blocks == 2 and again.controllers == load_protocol("arena").controllers
     (tmp_path / "damper.py").write_text(DAMPER)

@@ -11,7 +11,6 @@ import pytest
 from disks import flip_a_bit
 from exports import table
 from protocols import short
-from recorded import record, ticks
 from refusals import refusal
 from sessions import closed_session, crash_in_trial, files, new_session, run, run_to_move
 
@@ -127,9 +126,8 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
     path = by_controller(data, 1)
     copy = shutil.copytree(data / "sub-01", tmp_path / "sub-01") / "ses-01" / "trials"
     spoilt = copy / path.name
-    cut = record(tmp_path / "other", ticks(50), closed=False)
+    cut = shutil.copytree(data / "sub-01", tmp_path / "other" / "sub-01") / "ses-01" / "trials" / path.name
     flip_a_bit(spoilt)
-    cut.parent.mkdir()
     cut.write_bytes(b"half")
     (tmp_path / "text.parquet").write_text("no recording")
     lonely = shutil.copy(path, tmp_path / "lonely.parquet")
@@ -191,7 +189,7 @@ def test_without_options_it_plays_on_the_screen(data, monkeypatch):
     played, path = [], recordings(data)[0]
     window = SimpleNamespace(run=lambda recording: played.append(recording) or 0)
     monkeypatch.setitem(sys.modules, "app.window.analyse.trial_view", window)
-    monkeypatch.setattr("app.verbs.folders.ScreenCheck", lambda *_: SimpleNamespace(check=lambda: None))
+    monkeypatch.setattr("app.verbs.folders.ScreenCheck", lambda *_: SimpleNamespace(check=lambda *_: None))
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
     assert main(["replay", str(path)]) == 0 and played == [path]
 
