@@ -9,12 +9,10 @@ import time
 from pathlib import Path
 from typing import IO
 
-from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, Compiling, DeviceStatus, Setup, Timing
-from app.ipc.scheduling import ADVICE, Scheduling
+from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, Compiling, DeviceStatus, Setup
 from core.faults import FAULTS, advice
 from experiments.atomic_files import reason_of
 from experiments.inputs import INPUTS, OPERATOR
-from experiments.plan import counted
 from experiments.protocol import Protocol
 from hardware.hid import HidReading
 
@@ -28,8 +26,6 @@ SLOW_SYNC_S, TOO_SLOW_SYNC_S = 0.1, 2.0
 SYNCS_TO_START, SYNCS_TO_END = 1, 6
 DISK_S = 5.0  # between two looks at the disk, while nothing runs
 PATIENCE_S, TOO_LONG_S = 1.0, 10.0  # s that a measurement of the disk takes: said so; in red. Assumed
-#: µs. Our choice: what a loop without privilege keeps on an idle machine; later ticks are still in the recording
-LATE_US = 200.0
 
 
 def check_device(simulated: bool, why_off: str) -> Check:
@@ -73,22 +69,6 @@ def check_hand(hand: str, reading: HidReading | None) -> Check:
     if reading.connected:
         return Check("Hand", GOOD, reading.text)
     return Check("Hand", BAD, "unplugged", f"{reading.text[0].upper()}{reading.text[1:]}.")
-
-
-def check_loop(tried: Timing | None, dead: bool, scheduling: Scheduling | None, last: Timing | None = None) -> Check:
-    """Whether ticks come in time. tried: lateness before all trials, None: not measured; last: of the last trial."""
-    if dead:
-        return Check("Loop", WAITING, "starting again")
-    if tried is None or scheduling is None:
-        return Check("Loop", WAITING, "preparing")
-    timing = last or tried
-    # Ticks that were missed are the finding, however small a share: the 99th percentile may be 0 µs all the same.
-    missed = f"{counted(timing.missed, 'tick')} missed {'in the last' if last else 'before any'} trial"
-    text = missed if timing.missed else f"1 kHz, p99 {timing.p99_us:.0f} µs"
-    if timing.p99_us <= LATE_US and timing.missed == 0:
-        return Check("Loop", GOOD, text)
-    advice = "Ticks come late: close other programs."
-    return Check("Loop", CAUTION, text, advice if scheduling.real_time else f"{advice} {ADVICE}")
 
 
 def check_compiling(now: Compiling) -> Check:

@@ -1,6 +1,9 @@
 """Gives trials to the control loop and follows each to its end; starts a new loop when one dies."""
 
+import numpy as np
+
 from app.ipc.messages import (
+    WAITING,
     Check,
     CheckTiming,
     Compiling,
@@ -14,9 +17,11 @@ from app.ipc.messages import (
 )
 from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, LET_GO, RING_FULL, SERVER_SILENT, STOPPED, UNTOUCHED, Ring
 from app.ipc.scheduling import Scheduling, leave_core
+from app.session_server.loop_light import LoopLight
 from app.session_server.loop_process import LoopProcess
-from app.session_server.preflight import check_compiling, check_loop
+from app.session_server.preflight import check_compiling
 from app.session_server.recorder import OnTicks, Recorder, timing_of
+from core import tick_log
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import TrialRow
@@ -119,6 +124,7 @@ class TrialRunner:
         self._starts = 1
         self.scheduling: Scheduling | None = None  # that the loop got; None: it is not ready yet
         self._compiling: Compiling | None = None  # what it last said of its kernels
+        self._light = LoopLight(board=bool(port))
         self._idle_timing: Timing | None = None
         self._last_timing: Timing | None = None  # of the last trial
         self.run: TrialRun | None = None
@@ -144,7 +150,13 @@ class TrialRunner:
         """
         if grasp is None:
             grasp = LET_GO if trial.simulation is self._let_go else UNTOUCHED
-        self.run = TrialRun(self._ring, self._loop, trial, writer, on_ticks, grasp)
+
+        def take(ticks: np.ndarray) -> None:
+            self._light.take(ticks[:, tick_log.LATENESS_US])
+            if on_ticks is not None:
+                on_ticks(ticks)
+
+        self.run = TrialRun(self._ring, self._loop, trial, writer, take, grasp)
         return self.run
 
     def go_on(self, run: TrialRun) -> None:
@@ -178,6 +190,7 @@ class TrialRunner:
                     self._loop.send(CheckTiming(TRY_TICKS))
                 case TimingChecked(lateness_us):
                     self._idle_timing = timing_of(lateness_us, self._scheduling_words)
+                    self._light.take(lateness_us)
                 case TrialReturned():
                     assert self.run is not None
                     ended, self.run = self.run, None
@@ -212,7 +225,9 @@ class TrialRunner:
     def check(self) -> Check:
         if self.scheduling is None and self._compiling is not None and not self._loop.closed:
             return check_compiling(self._compiling)
-        return check_loop(self._idle_timing, self._loop.closed, self.scheduling, self._last_timing)
+        if self._loop.closed or self._idle_timing is None or self.scheduling is None:
+            return Check("Loop", WAITING, "starting again" if self._loop.closed else "preparing")
+        return self._light.check(self.scheduling)
 
     def close(self) -> None:
         """End the loop."""

@@ -16,6 +16,7 @@ from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.main_window import MainWindow
+from app.window.picture_light import PictureLight
 from app.window.widgets import memory, words
 from app.window.widgets.keys import bind
 from app.window.widgets.work import BackgroundTask
@@ -59,6 +60,8 @@ class Windows(QObject):
         #: trials whose ticks have begun to come, less those that the server has announced: -1, 0 or 1
         self._ticks_ahead = 0
         self._due_s = 0.0  # when the next frame is due
+        self._light = PictureLight()
+        self._snapshot: m.Snapshot | None = None  # the newest, as it came, while the light is on
         self._timer = QTimer(self, singleShot=True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._on_time)
@@ -185,7 +188,18 @@ class Windows(QObject):
         late_s = time.perf_counter() - self._due_s
         self._due_s += FRAME_S * (1.0 + max(late_s, 0.0) // FRAME_S)
         self._timer.start(max(round(1e3 * (self._due_s - time.perf_counter())), 0))
+        if self.main.snapshot.running is not None and self._light.take(late_s):
+            self._snapshot = self._snapshot or self.main.snapshot
+            self._show_snapshot(self._snapshot)
+        elif self._snapshot is not None and not self._light.is_on:
+            self._show_snapshot(self._snapshot)
+            self._snapshot = None
         self.frame()
+
+    def _show_snapshot(self, snapshot: m.Snapshot) -> None:
+        """In both windows, with the light of the picture."""
+        self.main.show_snapshot(self._light.over(snapshot))
+        self.participant.show_snapshot(snapshot)
 
     def frame(self) -> None:
         """Take in what has come, and see whether the session server lives."""
@@ -207,8 +221,8 @@ class Windows(QObject):
                     self.participant.show_opened(message)
                 case m.Snapshot():
                     self._warm(message)
-                    self.main.show_snapshot(message)
-                    self.participant.show_snapshot(message)
+                    self._snapshot = message if self._light.is_on else None
+                    self._show_snapshot(message)
                 case m.Pulse():
                     self.main.show_pulse(message)
             if begins:

@@ -12,7 +12,7 @@ from fake_client import PLAN, opened, result
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 from app.ipc.scheduling import Scheduling
-from app.session_server.preflight import check_loop, check_real, check_sensor
+from app.session_server.preflight import check_real, check_sensor
 from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRunner
@@ -23,26 +23,12 @@ from experiments.analysis.report_sentences import sentences
 from experiments.analysis.statistics import Result
 from hardware.serial_port import _reason
 
-IDLE = m.Timing(0.2, 0.4, 1.0, 0, "default")
 DEFAULT = Scheduling(False, False, -1, "default")
-LATE = m.Timing(50.0, 30_947.0, 41_000.0, 2180, "default")
 
 
 def test_a_trial_is_named_by_its_path_as_the_printed_plan_names_it() -> None:
     assert words.cell(PLAN[0], opened(), blind=True) == f"path {PLAN[0].segment}"
     assert "segment" not in words.describe(PLAN[0], opened(), blind=False)
-
-
-def test_the_loop_is_judged_by_its_last_trial_once_there_is_one() -> None:
-    assert check_loop(IDLE, False, DEFAULT).state == m.GOOD
-    late = check_loop(IDLE, False, DEFAULT, LATE)
-    assert (late.state, late.text) == (m.CAUTION, "2\u202f180 ticks missed in the last trial"), (
-        "and no percentile beside it"
-    )
-    assert check_loop(IDLE, False, DEFAULT).text == "1 kHz, p99 0 µs"
-    assert check_loop(LATE, False, DEFAULT).text == "2\u202f180 ticks missed before any trial"
-    assert check_loop(LATE, False, DEFAULT, IDLE).state == m.GOOD
-    assert check_loop(None, False, None, LATE).state == m.WAITING
 
 
 def test_a_loop_that_compiles_says_how_far_and_that_it_is_once(monkeypatch) -> None:

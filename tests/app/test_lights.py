@@ -1,0 +1,125 @@
+"""The lights of loop and picture: what is true now, by thresholds that are written down."""
+
+import numpy as np
+import pytest
+from fake_client import opened, ready, running
+from screens import Screens
+
+from app.ipc import messages as m
+from app.ipc.scheduling import Scheduling
+from app.session_server.loop_light import CALM_S, WINDOW_S, LoopLight
+from app.window.picture_light import PictureLight
+from core import tick_log
+
+DEFAULT = Scheduling(False, False, -1, "default")
+
+
+class Clock:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def ticks(count: int, missed: int = 0) -> np.ndarray:
+    """The lateness of so many ticks, us, of which some were missed."""
+    lateness = np.full(count, 10.0)
+    lateness[:missed] = tick_log.MISSED_US
+    return lateness
+
+
+@pytest.mark.parametrize(
+    ("missed", "simulated", "board"),
+    [
+        (0, m.GOOD, m.GOOD),
+        (1, m.CAUTION, m.CAUTION),
+        (19, m.CAUTION, m.CAUTION),
+        (20, m.CAUTION, m.BAD),
+        (500, m.CAUTION, m.BAD),
+    ],
+)
+def test_of_two_thousand_ticks_one_missed_is_amber_and_twenty_of_a_board_are_red(missed, simulated, board) -> None:
+    for is_board, state in ((False, simulated), (True, board)):
+        light = LoopLight(is_board, Clock())
+        light.take(ticks(2000, missed))
+        check = light.check(DEFAULT)
+        assert check.state == state
+        assert check.text == (f"{missed} tick{'s' * (missed > 1)} missed in the last 2 s" if missed else "1 kHz")
+        assert ("close other programs" in check.advice) is bool(missed)
+        assert ready(1, checks=(check,)).trial_blocker.startswith("Loop: ") is (state == m.BAD)
+
+
+def test_before_any_tick_the_loops_light_claims_nothing() -> None:
+    assert LoopLight(True, Clock()).check(DEFAULT) == m.Check("Loop", m.GOOD, "1 kHz")
+
+
+def test_misses_two_seconds_apart_are_not_added() -> None:
+    light = LoopLight(True, Clock())
+    for _ in range(4):
+        light.take(ticks(2000, 10))
+    assert light.check(DEFAULT).state == m.CAUTION
+    light.take(ticks(1000, 10))
+    light.take(ticks(500, 10))
+    assert light.check(DEFAULT).state == m.BAD, "but those within two seconds are"
+
+
+def test_the_loops_light_is_green_again_two_seconds_after_the_last_missed_tick() -> None:
+    light = LoopLight(False, clock := Clock())
+    light.take(ticks(2000, 30))
+    clock.now_s += WINDOW_S - 0.1
+    assert light.check(DEFAULT).state == m.CAUTION
+    clock.now_s += 0.2
+    assert light.check(DEFAULT).state == m.GOOD
+
+
+def test_a_boards_loop_that_could_not_keep_up_stays_red_for_ten_seconds_without_a_missed_tick() -> None:
+    light = LoopLight(True, clock := Clock())
+    light.take(ticks(2000, 30))
+    clock.now_s += CALM_S - 0.1
+    light.take(ticks(2000))
+    assert light.check(DEFAULT).text == "cannot keep up" and light.check(DEFAULT).state == m.BAD
+    light.take(ticks(2000, 1))
+    clock.now_s += CALM_S - 0.1
+    assert light.check(DEFAULT).state == m.BAD, "one more missed tick, and the ten seconds begin again"
+    clock.now_s += 0.2
+    assert light.check(DEFAULT).state == m.GOOD
+    light.take(ticks(2000, 1))
+    assert light.check(DEFAULT).state == m.CAUTION, "what was forgotten is not counted again"
+
+
+def test_a_text_stands_long_enough_to_be_read() -> None:
+    light = LoopLight(False, clock := Clock())
+    light.take(ticks(2000, 1))
+    assert light.check(DEFAULT).text.startswith("1 tick ")
+    light.take(ticks(100, 10))
+    assert light.check(DEFAULT).text.startswith("1 tick ")
+    clock.now_s += 0.6
+    assert light.check(DEFAULT).text.startswith("10 ticks ")
+
+
+def test_a_picture_half_a_second_behind_is_amber_for_two_seconds(screens: Screens) -> None:
+    windows, clock = screens.windows, Clock()
+    windows._light = PictureLight(clock)
+    screens.hear(opened(), running())
+    assert not windows._light.take(0.4)
+    windows._due_s -= 1e6  # this frame is very late
+    windows._on_time()
+    windows._timer.stop()
+    assert [check.state for check in screens.main.snapshot.checks if check.name == "Picture"] == [m.CAUTION]
+    screens.hear(ready(1))
+    assert screens.main.snapshot.trial_blocker == ""
+    clock.now_s += WINDOW_S + 0.1
+    windows._on_time()
+    windows._timer.stop()
+    assert screens.main.snapshot == ready(1)
+
+
+def test_a_late_frame_without_a_trial_is_no_fault(screens: Screens) -> None:
+    screens.hear(opened(), ready(1))
+    screens.windows._due_s -= 1e6
+    screens.windows._on_time()
+    screens.windows._timer.stop()
+    assert screens.main.snapshot == ready(1)
