@@ -36,7 +36,8 @@ class LoopLight:
         missed = lateness_us >= tick_log.MISSED_US
         self._missed = np.concatenate((self._missed, missed))[-NEWEST:]
         if missed.any():
-            self._overrun = np.count_nonzero(self._missed) >= MANY or (self._overrun and self._since_s < CALM_S)
+            many = int(np.count_nonzero(self._missed)) >= MANY
+            self._overrun = many or (self._overrun and self._since_s < CALM_S)
             self._last_s = self._clock()
 
     @property
