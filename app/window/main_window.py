@@ -1,4 +1,4 @@
-"""The experimenter's window: four pages between a header (pages, pre-flight, brakes) and a footer (data folder).
+"""The experimenter's window: five pages between a header (pages, lights, brakes) and a footer (data folder).
 
 It shows what the session server sends and asks it for what the experimenter wants; it decides nothing. The brakes-off
 goes straight to the control loop, whichever page is at the front.
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QUrl, Signal
-from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent, QWindow
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, QKeyEvent, QMouseEvent, QWindow
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
@@ -32,10 +32,10 @@ from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
-from app.window.widgets.parts import NO_FOCUS, PART, OneLine, Panel, button, column, holder, row, stack, text_label
-from app.window.widgets.preflight import Preflight
+from app.window.widgets.parts import NO_FOCUS, PART, OneLine, button, column, holder, row, stack, text_label
+from app.window.widgets.preflight import Banner, Preflight, wrong
 from app.window.widgets.words import LEAVE, as_sentence, data_folder_of, from_home, size
-from experiments.plan import grouped
+from experiments.plan import counted, grouped
 
 #: page -> its module and class; a page is made when it is first shown
 PAGES = {
@@ -46,7 +46,7 @@ PAGES = {
     DEVICE: ("device.device_page", "DevicePage"),
 }
 SMALLEST = (1024, 600)
-RECORDING_PX = 300  # wide, at least, the proof of recording
+RECORDING_PX, FOOT_PX = 300, 48  # wide, at least, the proof of recording; high, the footer
 #: title, text with room for what would be lost, stay, go
 CLOSE = (
     "A trial is being recorded",
@@ -67,57 +67,57 @@ CHANGED = (
 )
 
 
-class Footer(Panel):
-    """The data folder; proof of recording; seed, plan and version: with them a session can be laid out again."""
+class Folder(OneLine):
+    """The data folder; a click opens it."""
+
+    clicked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__("", "", theme.SMALL)
+        self.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
+        self.setCursor(Qt.CursorShape.PointingHandCursor)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
+
+
+class Footer(QWidget):
+    """At the left proof of recording, at the right the data folder."""
 
     def __init__(self, open_folder: Callable[[Path], None]) -> None:
         super().__init__()
-        self.folder = OneLine("", "", theme.NORMAL, bold=True)
-        self.folder.setSizePolicy(QSizePolicy.Policy.Maximum, QSizePolicy.Policy.Preferred)  # the first to be shortened
-        self.recording = OneLine("Nothing is being recorded")
+        self.recording = OneLine("", "quiet")
         self.recording.setMinimumWidth(RECORDING_PX)
-        self.open = button("Open folder", lambda: open_folder(self._path), "small")
-        self.lamp, self.origin = text_label("●", "off", theme.SMALL), text_label("", "quiet", theme.SMALL)
+        self.folder = Folder()
         self._path = Path()
-        parts = (self.folder, self.open, self.lamp, self.recording, self.origin)
-        self.setLayout(row(text_label("Data", "quiet"), *parts, margins=(12, 5, 8, 5)))
+        self.folder.clicked.connect(lambda: open_folder(self._path))
+        self.setLayout(row((self.recording, 1), text_label("Data in", "quiet", theme.SMALL), self.folder))
 
-    def show_folder(self, folder: Path) -> None:
+    def show_folder(self, folder: Path, about: str = "") -> None:
+        """about: seed, plan and version: with them a session can be laid out again."""
         self._path = folder
         self.folder.setText(from_home(folder))
+        self.folder.setToolTip("\n".join(filter(None, (f"Open {folder}", about))))
 
     def show_opened(self, opened: m.Opened) -> None:
         """Where the data are, and where the session comes from."""
-        self.show_folder(Path(opened.folder))
-        parts = [f"seed {opened.protocol.seed}", f"phd {__version__}"]
-        if opened.plan_sha256:
-            parts.insert(1, f"plan {opened.plan_sha256[:4]}…{opened.plan_sha256[-2:]}")
-        self.origin.setText(" · ".join(parts))
-        note = opened.protocol.note()
-        self.origin.setToolTip(f"Plan {opened.plan_sha256}\n{note}" if opened.plan_sha256 else note)
+        protocol, sha256 = opened.protocol, opened.plan_sha256
+        plan = f", plan {sha256[:4]}…{sha256[-2:]}" if sha256 else ""
+        self.show_folder(Path(opened.folder), f"Seed {protocol.seed}{plan}, phd {__version__}\n{protocol.note()}")
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
-            theme.set_style(self.lamp, "good" if verified else "off")
-            runs = "1 run" if verified == 1 else f"{verified} runs"
-            kept = f" · {runs} verified" if verified else ""
-            self.recording.setText(f"Nothing is being recorded{kept}")
+            self.recording.setText(f"{counted(verified, 'run')} verified" if verified else "")
             return
-        theme.set_style(self.lamp, "caution" if proof.late else "bad")
         earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
         parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
         parts += [f"last write {proof.age_s:.1f} s ago", earlier]
-        self.recording.setText(" · ".join(filter(None, parts)))
+        self.recording.setText(PART.join(filter(None, parts)))
 
     def show_dead(self) -> None:
-        theme.set_style(self.lamp, "bad")
         self.recording.setText("Not recording")
-
-    @property
-    def summary(self) -> str:
-        """What has to be seen of it where the banner lies over it."""
-        return PART.join((f"Data {self.folder.text()}", self.recording.text()))
 
 
 class MainWindow(QWidget):
@@ -140,7 +140,8 @@ class MainWindow(QWidget):
         self.dead = self._closing = False
         self.pages: dict[str, Page] = {}
         self.shown = ""  # the page at the front
-        self.preflight = Preflight(lambda: self.show_page(DEVICE))
+        self.preflight, self.banner = Preflight(), Banner()
+        self.preflight.clicked.connect(partial(self.show_page, DEVICE))
         self.footer, self._stack = Footer(self._open_folder), QStackedWidget()
         self.tabs = {name: QPushButton(name, objectName="tab", checkable=True, autoDefault=True) for name in PAGES}
         self._lay_out()
@@ -170,10 +171,8 @@ class MainWindow(QWidget):
             pressed.setFocusPolicy(NO_FOCUS)
             head.addSpacing(6)
             head.addWidget(pressed)
-        self._foot = stack(  # the banner has the gaps about the footer, too
-            holder(row(self.footer, margins=(0, 14, 0, theme.GAP))),
-            holder(row(self.preflight.banner, margins=(0, 3, 0, 7))),
-        )
+        self._foot = stack(self.footer, holder(row(self.banner, margins=(0, 2, 0, 4))))
+        self._foot.setFixedHeight(FOOT_PX)
         pages = column(head, (self._stack, 1), spacing=8)
         self.setLayout(column((pages, 1), self._foot, spacing=0, margins=(theme.GAP, 6, theme.GAP, 0)))
         room = QGuiApplication.primaryScreen().availableSize() - QSize(*theme.FRAME)
@@ -400,14 +399,14 @@ class MainWindow(QWidget):
             self._then = None
         for page in self.pages.values():
             page.show_snapshot(snapshot)
-        self._foot.setCurrentIndex(int(self.preflight.show_snapshot(snapshot)))
-        self.preflight.banner.foot.setText(self.footer.summary)
+        self.preflight.show_snapshot(snapshot)
+        self.banner.show_text(said := wrong(snapshot))
+        self._foot.setCurrentIndex(int(bool(said)))
         if self._stake is not None and self._stake != self._at_stake():
             self.cards.withdraw({"close"})  # it is true no more
 
     def show_pulse(self, pulse: m.Pulse) -> None:
         self.footer.show_pulse(pulse)
-        self.preflight.banner.foot.setText(self.footer.summary)
         for page in self.pages.values():
             page.show_pulse(pulse)
 

@@ -103,12 +103,12 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     QTest.keyClick(windows.participant.windowHandle(), Qt.Key.Key_Escape)
     wait_until(lambda: len(main.snapshot.rows) == 2 and main.snapshot.brakes_off)
     assert main.snapshot.rows[1].status == "stopped"
-    assert "Esc was pressed on the participant's screen" in main.preflight.banner.text()
+    assert "Esc was pressed on the participant's screen" in main.banner.text()
     start = main.page(RUN).panel.start
     assert not start.isEnabled()
     QTest.keyClick(windows.participant, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
     wait_until(start.isEnabled)
-    assert not main.preflight.banner.isVisible()
+    assert not main.banner.isVisible()
 
 
 #: the app, that says when its windows are open

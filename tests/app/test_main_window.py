@@ -52,9 +52,9 @@ def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_reada
     console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
     assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
     assert any("12 MB free" in text for text in visible_texts(console))
-    assert screens.main.preflight.banner.isVisible() == (state == m.BAD)
+    assert screens.main.banner.isVisible() == (state == m.BAD)
     if state == m.BAD:
-        assert "Disk: 12 MB free. Free some space." in screens.main.preflight.banner.text()
+        assert "Disk: 12 MB free. Free some space." in screens.main.banner.text()
     screens.hear(ready())
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
@@ -68,31 +68,49 @@ def test_a_wait_ends_in_dots_without_a_full_stop(qtbot) -> None:
 def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
     late = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
     screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
-    assert "Close other programs." in screens.main.preflight.pills[2].toolTip()
+    assert "Close other programs." in screens.main.preflight.pills[0].toolTip()
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
-def test_a_red_check_differs_from_a_green_one_by_more_than_its_colour(screens: Screens) -> None:
+def test_a_red_check_differs_from_an_amber_one_and_from_a_green_mark_by_more_than_its_colour(screens: Screens) -> None:
     screens.hear(opened(), ready(checks=RED))
     marks = [pill.mark.text() for pill in screens.main.preflight.pills]
-    assert len({marks[0], marks[1], marks[2], marks[4]}) == 4
+    assert len({*marks, screens.main.preflight.mark.text()}) == 4  # red twice, amber, waiting, green
 
 
-def test_a_long_text_in_the_preflight_row_is_shortened_before_another_loses_its_words(screens: Screens) -> None:
-    def shown() -> list[str]:
+#: what the server says -> the mark, the names of the pills
+LIGHTS = {
+    "ready": (ready(), "Ready", []),
+    "no session": (before(), "Ready", []),
+    "a trial": (running(), "No faults", []),
+    "paused": (ready(paused=True), "No faults", []),
+    "brakes off by Esc": (ready(brakes_off="Esc"), "No faults", []),
+    "a break": (ready(stage=m.BREAK), "No faults", []),
+    "preparing": (m.Snapshot(m.PREPARING), "One moment …", []),
+    "faults": (ready(checks=RED), None, ["Device", "Disk", "Loop", "Recording"]),
+    "stopped": (ready(stage=m.FAILED, notice="The disk is full."), None, []),
+}
+
+
+@pytest.mark.parametrize("case", LIGHTS)
+def test_pills_are_of_what_is_not_green_and_green_is_one_mark(screens: Screens, case: str) -> None:
+    said, mark, pills = LIGHTS[case]
+    preflight = screens.hear(opened(), said).preflight
+    assert [pill.name.text() for pill in preflight.pills if pill.isVisible()] == pills
+    assert preflight.all_well.isVisible() == (mark is not None)
+    assert mark is None or preflight.all_well.text() == mark
+
+
+def test_no_word_in_the_header_is_cut_and_the_words_of_the_reddest_are_kept_the_longest(screens: Screens) -> None:
+    for size in (SMALLEST, (1280, 720), (1920, 1080)):
+        screens.main.resize(*size)
+        screens.hear(opened(), ready(checks=RED))
         settle(screens.main)
-        return [pill.text.text() for pill in screens.main.preflight.pills if pill.text.isVisible()]
-
-    screens.hear(opened(), ready(checks=GREEN))
-    whole = shown()
-    assert not any(text.endswith("…") for text in whole)
-    long = m.Check("Recording", m.BAD, "every tick and its markers, none of which has been lost so far")
-    screens.hear(ready(checks=(*GREEN[:4], long)))
-    assert shown()[:4] == whole[:4] and shown()[4].startswith("every tick") and shown()[4].endswith("…")
-    assert long.text in screens.main.preflight.pills[4].toolTip() and faults(screens.main) == []
-    screens.main.resize(*SMALLEST)
-    assert not any(text == "…" for text in shown())
-    assert screens.main.width() == SMALLEST[0] and faults(screens.main) == []
+        pills = screens.main.preflight.pills
+        worded = [pill.words.isVisible() for pill in pills]
+        assert worded == sorted(worded, reverse=True) and all(pill.name.isVisible() for pill in pills)
+        assert any(worded) or size == SMALLEST
+        assert screens.main.width() == size[0] and faults(screens.main) == []
 
 
 @pytest.mark.parametrize("where", ["main", "participant"])
@@ -104,7 +122,7 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     (cause,) = screens.client.off_causes
     assert cause.startswith("Esc was pressed") and where in cause
     screens.hear(ready(1, brakes_off=cause))
-    assert cause in screens.main.preflight.banner.text() and not screens.run.panel.start.isEnabled()
+    assert cause in screens.main.banner.text() and not screens.run.panel.start.isEnabled()
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
@@ -300,6 +318,7 @@ def test_analyse_and_the_footer_name_the_data_folder_before_it_is_served(screens
 
 
 def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(screens) -> None:
+    screens.main.show_page(ANALYSE)
     folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
     for wide in (1400, SMALLEST[0]):
         screens.main.resize(wide, 700)
@@ -340,8 +359,8 @@ def test_proof_of_recording_is_readable(screens: Screens) -> None:
     screens.hear(opened(), running(22), pulse("run-023"))
     said = screens.main.footer.recording.text()
     assert all(part in said for part in ("run-023", "18\u202f412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
-    origin = screens.main.footer.origin.text()
-    assert "seed 1" in origin and opened().plan_sha256[:4] in origin
+    origin = screens.main.footer.folder.toolTip()
+    assert "Seed 1" in origin and opened().plan_sha256[:4] in origin
 
 
 def test_ticks_reach_workspace_participant_and_traces(screens: Screens) -> None:
@@ -413,13 +432,13 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        said = screens.main.preflight.banner.text()
+        said = screens.main.banner.text()
         assert said == words.server_died(running(3)) and m.NOT_NOW[m.RUNNING] not in said
         assert "has stopped in the middle of run 4" in said and "brakes are off" in said
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
-        assert screens.main.preflight.banner.text() == "The disk is full."
-    assert screens.main.preflight.banner.isVisible()
+        assert screens.main.banner.text() == "The disk is full."
+    assert screens.main.banner.isVisible()
     assert not screens.main.preflight.brakes.isEnabled()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
@@ -435,7 +454,7 @@ def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(scr
     screens.client.alive = False
     screens.hear()
     assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
-    said = screens.main.preflight.banner.text()
+    said = screens.main.banner.text()
     assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
     assert said.endswith("its trial comes again.")
 
@@ -569,7 +588,7 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     screens.hear(opened(folder=folder), ready(2, rows=rows))
     screens.run.panel.grid.cells[rows[0].run].click()
     qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
-    assert screens.run.card.row == rows[0] and screens.run.card.trace.isVisible()
+    assert screens.run.card.row == rows[0]
     assert (
         screens.press(KEY.Key_X, modifier=ALT) == []
     )  # it asks why first, in the order of its buttons or in own words
@@ -583,22 +602,22 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
 
-def test_the_card_of_an_earlier_trial_leaves_its_curve_to_no_other(qtbot, screens: Screens, tmp_path) -> None:
+def test_the_card_of_an_earlier_trial_leaves_its_flags_to_no_other(qtbot, screens: Screens, tmp_path) -> None:
     with session_of(tmp_path, 2) as session:
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(1, rows=rows[:1]), running())
-    screens.tick(movement(PLAN[1].segment, "AEB", 1.4))
+    late = movement(PLAN[1].segment, "AEB", 1.4)
+    late[7, tick_log.LATENESS_US] = tick_log.MISSED_US
+    screens.tick(late)
     screens.hear(ready(2, rows=rows))
     card = screens.run.card
-    assert screens.run.card_shown and card.row == rows[1]
-    own = card.trace.values
+    assert screens.run.card_shown and card.row == rows[1] and "1 tick came" in card.flags.text()
     screens.run.panel.grid.cells[rows[0].run].click()
     screens.hear(ready(2, rows=rows))  # while the recording is read
     qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
-    assert not np.array_equal(card.trace.values, own, equal_nan=True)
+    assert "1 tick came" not in card.flags.text()
     qtbot.waitUntil(lambda: card.ready, timeout=60_000)
-    assert screens.press(KEY.Key_Space) == [] and card.row == rows[1]
-    np.testing.assert_array_equal(card.trace.values, own)
+    assert screens.press(KEY.Key_Space) == [] and card.row == rows[1] and "1 tick came" in card.flags.text()
 
 
 def test_another_setup_starts_another_server_while_the_window_goes_on(screens: Screens, monkeypatch) -> None:
@@ -640,7 +659,7 @@ def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
 ) -> None:
     monkeypatch.setattr("app.window.main_window.QDesktopServices.openUrl", lambda url: False)
     screens.hear(opened(folder=str(tmp_path / "not there yet")), ready())
-    QTest.mouseClick(screens.main.footer.open, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(screens.main.footer.folder, Qt.MouseButton.LeftButton)
     said = screens.main.cards.question.text.text().replace("\u200b", "")
     assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
     assert QApplication.clipboard().text() == str(tmp_path)

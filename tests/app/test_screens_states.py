@@ -65,17 +65,17 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
 
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
     screens.hear(opened(), ready(12, checks=RED))
-    assert screens.main.preflight.banner.isVisible() and not screens.run.panel.notice.isVisible()
+    assert screens.main.banner.isVisible() and not screens.run.panel.notice.isVisible()
     waiting = (*GREEN[:4], m.Check("Recording", m.WAITING, "waiting"))
     screens.hear(ready(12, checks=waiting))
-    assert not screens.main.preflight.banner.isVisible() and "waiting" in screens.run.panel.notice.text()
+    assert not screens.main.banner.isVisible() and "waiting" in screens.run.panel.notice.text()
     assert screens.run.panel.notice.isVisible()
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
-def test_what_is_wrong_takes_the_room_of_the_footer_and_says_what_stood_there(screens: Screens, size) -> None:
+def test_what_is_wrong_takes_the_room_of_the_footer(screens: Screens, size) -> None:
     folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
-    console, banner = screens.main, screens.main.preflight.banner
+    console, banner = screens.main, screens.main.banner
     console.resize(*size)
     screens.hear(opened(), ready(3), pulse())
     settle(console)
@@ -89,7 +89,6 @@ def test_what_is_wrong_takes_the_room_of_the_footer_and_says_what_stood_there(sc
         settle(console)
         assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
         assert banner.width() == footer and banner.isVisible()
-        assert "Data data/sub-01/ses-01" in banner.foot.text() and "Recording run" in banner.foot.text()
         lines = banner.words.fontMetrics().boundingRect(banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text())
         assert lines.height() <= banner.words.height(), "both lines are seen whole"
     assert before == [widget.geometry() for widget in (console._stack, screens.run.workspace)], "nothing moves"
@@ -128,7 +127,7 @@ def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
     screens.hear(ready(1))
     settle(screens.main)
     card = screens.run.card
-    assert card.trace.isVisible() and card.legend.isVisible() and all(part.isVisible() for part in card.measures)
+    assert card.legend.isVisible() and all(part.isVisible() for part in card.measures)
 
 
 def test_after_a_break_the_participant_sees_the_path_that_comes(screens: Screens) -> None:
@@ -202,7 +201,7 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
 
 def test_a_board_that_went_while_brakes_are_off_comes_before_them_and_the_place_is_not_shown_as_measured(screens):
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
-    banner, line = screens.main.preflight.banner.text(), screens.run.workspace.view
+    banner, line = screens.main.banner.text(), screens.run.workspace.view
     assert banner.startswith("Device: not connected. No sample for 200 ms.") and "llow" not in banner
     assert not screens.main.preflight.brakes.isEnabled(), "pressing it would help nothing yet"
     assert screens.press(KEY.Key_B, modifier=Qt.KeyboardModifier.ControlModifier) == []
@@ -210,7 +209,7 @@ def test_a_board_that_went_while_brakes_are_off_comes_before_them_and_the_place_
     off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. Esc.")
     assert told(off) == "Brakes off. Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
     screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
-    assert screens.main.preflight.banner.text().count("Esc.") == 1 and not line.line
+    assert screens.main.banner.text().count("Esc.") == 1 and not line.line
     assert screens.main.preflight.brakes.isEnabled() and screens.run.large.text() == "Brakes off"
 
 

@@ -1,5 +1,4 @@
-"""The card of a trial that has ended: its three measures beside the earlier ones, its curve, its flags, and what
-becomes of it."""
+"""The card of a trial that has ended: its three measures beside the earlier ones, its flags, and what becomes of it."""
 
 import time
 from collections.abc import Sequence
@@ -15,10 +14,9 @@ from app.window.run.actions import Actions
 from app.window.run.session_panel import key_button
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine, Panel, column, row, text_label, wrapped_label
-from app.window.widgets.plots import Graph, TimePlot, range_for, start_of_hold
+from app.window.widgets.plots import Graph, range_for
 from app.window.widgets.theme import COLOURS, colour_of
 from app.window.widgets.words import SHORT, in_colour
-from core import tick_log
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 from experiments.store.cells import place
@@ -26,7 +24,6 @@ from experiments.store.cells import place
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
 NO_FLAGS = "No flags"
-LOW_PX = 440  # a lower card, has no curve
 
 
 class Measure(QWidget):
@@ -69,48 +66,18 @@ class Measure(QWidget):
         self.graph.setXRange(0.0, self.end, padding=0.03)
 
 
-class WholeTrace(TimePlot):
-    """The path error from the hold at the start on; zero is the go."""
-
-    def __init__(self) -> None:
-        super().__init__("Path error", "mm", [COLOURS.trace], 2.0, 1)
-        self.phases = [pg.LinearRegionItem(movable=False, brush=theme.shade(COLOURS.line, 0.35)) for _ in range(2)]
-        for region in self.phases:
-            for edge in region.lines:
-                edge.setPen(pg.mkPen(COLOURS.line))
-            self.item.addItem(region)
-        self.figures.show_parts((self.unit, COLOURS.quiet))
-
-    def show_ticks(self, rows: np.ndarray) -> None:
-        """The ticks (n, tick_log.WIDTH), n > 0, of the trial; an approach, of any length, has no distance yet."""
-        rows = rows[start_of_hold(rows) :]
-        phase = rows[:, tick_log.PHASE]
-        moving = np.flatnonzero(phase == tick_log.MOVE)
-        self.t = rows[:, tick_log.T] - rows[moving[0] if len(moving) else 0, tick_log.T]
-        self.values = 1e3 * np.abs(rows[None, :, tick_log.PATH_DISTANCE])
-        for region, code in zip(self.phases, (tick_log.HOLD, tick_log.END), strict=True):
-            during = self.t[phase == code]
-            region.setVisible(len(during) > 0)
-            if len(during):
-                region.setRegion((during[0], during[-1]))
-        self.scale_to(float(self.values[0, moving].max(initial=0.0)))
-        self.show_all()
-        self.draw()
-
-
 class TrialCard(Panel):
     """Keep, repeat or exclude a trial."""
 
     def __init__(self) -> None:
         super().__init__()
         self.row: TrialRow | None = None
-        self._since_s, self._has_curve = 0.0, False
+        self._since_s = 0.0
         self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
         self.what = wrapped_label("", size=theme.SMALL)
         self.legend = wrapped_label("", "quiet", theme.SMALL)
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]
-        self.trace = WholeTrace()
         self.flags = wrapped_label("", "quiet")
         self.keep = key_button("Keep", "start", "main")
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
@@ -118,7 +85,7 @@ class TrialCard(Panel):
         decide = column(self.keep, self.redo, self.exclude)
         head = row(self.dot, self.title, 1)
         self._layout = column(
-            head, self.what, self.legend, *self.measures, (self.trace, 1000), 1, self.flags, decide,
+            head, self.what, self.legend, *self.measures, 1, self.flags, decide,
             margins=(14, 10, 14, 12),
         )  # fmt: skip
         self.setLayout(self._layout)
@@ -153,17 +120,13 @@ class TrialCard(Panel):
         self.legend.setText(" &nbsp; ".join(f"{in_colour(dot, of)} {name}" for dot, of, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
-        self._has_curve = ticks is not None
         flags = trial_flags(row, ticks)
-        if ticks is not None:
-            self.trace.show_ticks(ticks)
         theme.set_style(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
         self._make_room()
 
     def _make_room(self) -> None:
-        """Hide what a low window or large text has no room for: the curve, then the legend, then the last measures."""
-        self.trace.setVisible(self._has_curve and self.height() > LOW_PX)
+        """Hide what a low window has no room for: the legend, then the last measures."""
         least = (self.legend, *reversed(self.measures))
         for part in least:
             part.show()

@@ -1,6 +1,6 @@
-"""The header's pre-flight row, and the brakes-off button; what is wrong and what to do about it in a banner."""
+"""The header's lights and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 from PySide6.QtCore import QRect, QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
@@ -9,14 +9,13 @@ from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.parts import (
-    END,
     NO_FOCUS,
-    OneLine,
     Panel,
     breakable,
     clear,
     column,
     grid,
+    holder,
     row,
     text_label,
     wrapped_label,
@@ -30,55 +29,41 @@ MARKS = {
     m.GOOD: ("●", "good"), m.CAUTION: ("▲", "caution"), m.DUE: ("▲", "caution"), m.BAD: ("✕", "bad"),
     m.WAITING: ("○", "off"), NOW: ("▶", "hint"),
 }  # fmt: skip
-DEVICE = "Device"  # the check that leads to the device page
-GAP_PX = 4  # in a pill and between two
+ORDER = (m.BAD, m.DUE, m.CAUTION, m.WAITING)  # of the pills
+GAP_PX = 4  # half of that in a pill and between two
 PADDING_PX = 14  # beside the words of the banner
 
 
 class Pill(Panel):
-    """One check of the pre-flight row; its reason and advice are in the tooltip."""
+    """One check that is not green: its mark, its name and, where there is room for all of them, its words."""
 
-    clicked = Signal()
-
-    def __init__(self, check: m.Check) -> None:
-        super().__init__("pill-bad" if check.state == m.BAD else "pill")
-        self.mark = text_label(*MARKS[check.state], theme.SMALL)
-        name = text_label(check.name, size=theme.SMALL, bold=True)
-        self.words = check.text.partition(",")[0] if check.state == m.GOOD else check.text
-        self.text = text_label("", "quiet", theme.SMALL)
-        self.setLayout(row(self.mark, name, self.text, spacing=GAP_PX, margins=(7, 0, 7, 0)))
+    def __init__(self) -> None:
+        super().__init__("pill")
+        self.mark, self.name = text_label(size=theme.SMALL), text_label(size=theme.NORMAL)
+        self.words = text_label("", "quiet", theme.NORMAL)
+        self.setLayout(row(self.mark, self.name, self.words, spacing=2 * GAP_PX, margins=(11, 0, 11, 0)))
         self.setFixedHeight(30)
-        leads = "A click (F3) shows the device page." if check.name == DEVICE else ""
-        self.setCursor(Qt.CursorShape.PointingHandCursor if leads else Qt.CursorShape.ArrowCursor)
-        self.setToolTip(" ".join(filter(None, (f"{check.name}: {sentence(told(check))}", leads))))
 
-    @property
-    def wanted_px(self) -> int:
-        """How wide its words are, with the gap before them."""
-        return self.text.fontMetrics().horizontalAdvance(self.words) + 1 + GAP_PX  # 1: it is rounded
-
-    def shorten(self, room_px: int) -> None:
-        """Show as much of its words as has room; of a few letters nothing."""
-        shown = self.text.fontMetrics().elidedText(self.words, END, room_px - GAP_PX)
-        self.text.setText(shown)
-        self.text.setVisible(shown == self.words or len(shown) > 3)
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        if self.rect().contains(event.position().toPoint()):
-            self.clicked.emit()
+    def show_check(self, check: m.Check) -> None:
+        theme.set_style(self, "pill-bad" if check.state == m.BAD else "pill")
+        mark, look = MARKS[check.state]
+        theme.set_style(self.mark, look)
+        self.mark.setText(mark)
+        self.name.setText(check.name)
+        self.words.setText(check.text)
+        self.setToolTip(f"{check.name}: {sentence(told(check))}")
 
 
 class Banner(Panel):
-    """What is wrong, in two lines at most, in the place of the footer, whose words stand under it: nothing moves when
-    it comes or goes, and nothing of a page is covered. Its tooltip has all of it.
+    """What is wrong, in two lines at most, in a place that something else has while all is well: nothing moves when it
+    comes or goes, and nothing of a page is covered. Its tooltip has all of it.
     """
 
     def __init__(self) -> None:
         super().__init__("banner")
         self.words = wrapped_label("", size=theme.NORMAL, bold=True)
         self.words.setAlignment(Qt.AlignmentFlag.AlignVCenter)
-        self.foot = OneLine("", "", theme.SMALL)
-        self.setLayout(column(self.words, self.foot, spacing=0, margins=(PADDING_PX, 1, PADDING_PX, 2)))
+        self.setLayout(column(self.words, spacing=0, margins=(PADDING_PX, 1, PADDING_PX, 1)))
         self._whole = ""
 
     def text(self) -> str:
@@ -130,48 +115,50 @@ class BrakesButton(QPushButton):
 
 
 class Preflight(QWidget):
-    """Pills; `brakes` and `advice`, which says what is wrong, are placed by the window."""
+    """One mark while all is well, else a pill for each check that is not; `brakes` is placed by the window."""
 
-    def __init__(self, show_device: Callable[[], None]) -> None:
-        """show_device: shows the device page."""
+    clicked = Signal()  # on the mark or a pill
+
+    def __init__(self) -> None:
         super().__init__()
-        self._show_device = show_device
-        self._checks: tuple[m.Check, ...] = ()  # that are shown
-        self.pills: list[Pill] = []
+        self.setCursor(Qt.CursorShape.PointingHandCursor)
+        self.mark, self.all_well = text_label("●", "good"), text_label(size=theme.NORMAL)
+        self._well = holder(row(self.mark, self.all_well, spacing=8, margins=(0, 0, 6, 0)))
+        self.pills: list[Pill] = []  # that are seen
+        self._spare: list[Pill] = []
         self.brakes = BrakesButton()
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
-        self.banner = Banner()
-        self._row = row(spacing=GAP_PX)
-        self.setLayout(row(1, self._row))
+        self._row = row(spacing=2 * GAP_PX)
+        self.setLayout(row(1, self._row, self._well))
 
     def fit_words(self) -> None:
-        """A fair share of the room to the words of each: what a short one does not need is for the longer ones."""
+        """Show the words of as many pills as have room for them, the reddest first, and of no pill a part of them."""
         for pill in self.pills:
-            pill.shorten(0)
-        room = self.width() + GAP_PX - sum(pill.sizeHint().width() + GAP_PX for pill in self.pills)
-        for n, pill in enumerate(sorted(self.pills, key=lambda pill: pill.wanted_px)):
-            share = min(pill.wanted_px, max(room, 0) // (len(self.pills) - n))
-            pill.shorten(share)
-            room -= share
+            pill.words.show()
+        for pill in reversed(self.pills):
+            wide = sum(shown.sizeHint().width() + self._row.spacing() for shown in self.pills)
+            pill.words.setVisible(wide <= self.width())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.fit_words()
 
-    def show_snapshot(self, snapshot: m.Snapshot) -> bool:
-        """Show the checks, and what is wrong: whether anything is."""
-        if snapshot.checks != self._checks:
-            self._checks = snapshot.checks
-            clear(self._row)
-            self.pills = [Pill(check) for check in snapshot.checks]
-            for pill, check in zip(self.pills, snapshot.checks, strict=True):
-                self._row.addWidget(pill)
-                if check.name == DEVICE:
-                    pill.clicked.connect(self._show_device)
-            self.fit_words()
-        wrong = ([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot)
-        self.banner.show_text("\n".join(wrong))
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
+
+    def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        """The checks, and whether the brakes may act."""
+        wrong = sorted((c for c in snapshot.checks if c.state != m.GOOD), key=lambda c: ORDER.index(c.state))
+        self._show_pills(wrong)
+        theme.set_style(self.mark, "good" if snapshot.checks else "off")
+        self.mark.setText("●" if snapshot.checks else "○")
+        self.all_well.setText(well(snapshot))
+        self._well.setVisible(not wrong and snapshot.stage != m.FAILED)
+        about = [f"{check.name}: {check.text}" for check in snapshot.checks]
+        self._well.setToolTip("\n".join([*about, "A click (F3) shows the device page."]))
+        self.fit_words()
         off, failed = bool(snapshot.brakes_off), snapshot.stage == m.FAILED
         theme.set_style(self.brakes, "brakes-off" if off or failed else "brakes")
         self.brakes.setText(ARE_OFF if failed else ALLOW if off else OFF)
@@ -179,7 +166,31 @@ class Preflight(QWidget):
         self.brakes.setToolTip(
             "Let currents flow again (Ctrl+B)" if off else "Zero current at once; a running trial ends and is kept"
         )
-        return bool(wrong)
+
+    def _show_pills(self, checks: Sequence[m.Check]) -> None:
+        """A pill each; those that are not needed now wait to be used again."""
+        while len(self.pills) + len(self._spare) < len(checks):
+            self._spare.append(Pill())
+            self._row.addWidget(self._spare[-1])
+        all_pills = [*self.pills, *self._spare]
+        self.pills, self._spare = all_pills[: len(checks)], all_pills[len(checks) :]
+        for pill, check in zip(self.pills, checks, strict=True):
+            pill.show_check(check)
+            pill.show()
+        for pill in self._spare:
+            pill.hide()
+
+
+def well(snapshot: m.Snapshot) -> str:
+    """The one mark while no check is amber or red: "Ready" while a trial or a session can be started."""
+    if not snapshot.checks:
+        return "One moment …"
+    return "Ready" if not snapshot.trial_blocker else "No faults"
+
+
+def wrong(snapshot: m.Snapshot) -> str:
+    """What the banner says, a line for each thing; "": nothing is wrong."""
+    return "\n".join(([snapshot.notice] if snapshot.stage == m.FAILED else []) + advice(snapshot))
 
 
 def advice(snapshot: m.Snapshot) -> list[str]:
