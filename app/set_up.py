@@ -175,7 +175,7 @@ def fill(kind: str, window: bool) -> bool:
     A window is not kept waiting: it opens, and says that it compiles the rest.
     """
     keep_bytecode()
-    extras = "[test]" if kind == "test" else ""
+    extras = "[test,docs]" if kind == "test" else ""
     if not pip_install(*KERNEL_PACKAGES):
         return False
     compiling = subprocess.Popen([PYTHON, "-m", "app.compile_kernels", "--no-window"], cwd=ROOT, **QUIET)

@@ -30,13 +30,16 @@ def main() -> int:
             "ruff format": [BIN / "ruff", "format", "--check", "."],
             "mypy": [BIN / "mypy"],
             "lint-imports": [BIN / "lint-imports", "--no-logo"],
+            "mkdocs": [BIN / "mkdocs", "build", "--strict", "--site-dir", f"{folder}/site"],
             "pytest": [*PYTEST, *TWO, results[0], "--ignore-glob=*/test_live_*.py"],
             "pytest of real processes": [*PYTEST, *TWO, results[1], *live],  # they keep time: nothing else beside them
             "pytest without the jit": [*PYTEST, *TWO, results[2], "-m", "nojit", *marked],
         }
         for name, command in parts.items():
             print(f"\n== {name}", flush=True)
-            more = {"NUMBA_DISABLE_JIT": "1"} if name == "pytest without the jit" else {}
+            more = {"pytest without the jit": {"NUMBA_DISABLE_JIT": "1"}, "mkdocs": {"NO_MKDOCS_2_WARNING": "1"}}.get(
+                name, {}
+            )
             if subprocess.call(command, cwd=ROOT, env=os.environ | more) != 0:
                 failed.append(name)
         suites = [suite for file in Path(folder).glob("*.xml") for suite in tree.parse(file).iter("testsuite")]

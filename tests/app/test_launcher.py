@@ -41,7 +41,7 @@ left = 20_000  # an abandoned one ends by itself
 while (gate := os.environ.get("PIP_WAITS_FOR")) and not os.path.exists(gate) and left:
     time.sleep(0.01)
     left -= 1
-for tool in ("ruff", "mypy", "lint-imports"):
+for tool in ("ruff", "mypy", "lint-imports", "mkdocs"):
     file = pathlib.Path(sys.prefix, "bin", tool)
     if file.parent.exists():
         file.write_text(f'#!/bin/sh\\n[ "$FAILING_TOOL" != {tool} ]\\n')
@@ -341,7 +341,7 @@ def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, t
     whole, live, marked = tree.calls("pytest")
     assert "--ignore-glob" in whole and live.endswith("test_live_one.py")
     assert marked.endswith("-m nojit tests/app/test_marked.py interpreted")
-    assert tree.calls("pip")[-1].endswith("-e .[test]")
+    assert tree.calls("pip")[-1].endswith("-e .[test,docs]")
     beside = [file for file in tree.root.rglob("*.pyc") if ".venv" not in file.parts]
     assert not beside, "bytecode is kept in .venv where it may not be beside the sources"
 
@@ -376,6 +376,7 @@ def test_the_pins_are_plain_names_and_versions_and_name_no_address() -> None:
 def test_everything_the_project_needs_is_pinned_and_installed_as_pinned() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     declared = project["project"]["dependencies"] + project["project"]["optional-dependencies"]["test"]
+    declared += project["project"]["optional-dependencies"]["docs"]
     waiting, seen = [Requirement(text) for text in declared], set()
     while waiting:
         need = waiting.pop()
