@@ -9,7 +9,6 @@ from importlib import import_module
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication, QEvent, QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtWidgets import QApplication
 
 from app.ipc import messages as m
@@ -17,6 +16,7 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.main_window import MainWindow
 from app.window.picture_light import PictureLight
+from app.window.second_screen import SecondScreen
 from app.window.widgets import memory, words
 from app.window.widgets.keys import bind
 from app.window.widgets.work import BackgroundTask
@@ -35,6 +35,7 @@ class Windows(QObject):
         self.client = client
         self.main = MainWindow(client)
         self.participant = self.main.participant
+        self.second_screen = SecondScreen(self.main, self.participant, self.main.cards.show_message)
         self.over = False
         self._warm_up: BackgroundTask | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
@@ -115,15 +116,7 @@ class Windows(QObject):
     @property
     def one_screen(self) -> bool:
         """Whether the participant has no screen of their own."""
-        return self._other_screen() is None
-
-    def _other_screen(self) -> QScreen | None:
-        """The participant's, by the settings; None: they have none."""
-        chosen, mine = memory.remembered(memory.SCREEN), self.main.screen()
-        others = [screen for screen in QGuiApplication.screens() if screen != mine]
-        if chosen == memory.NO_SCREEN or not others:
-            return None
-        return next((screen for screen in others if screen.name() == chosen), others[0])
+        return self.second_screen.other() is None
 
     def _follow_setting(self, key: str) -> None:
         """Another screen was chosen for the participant."""
@@ -161,12 +154,11 @@ class Windows(QObject):
             self._show_participant()
 
     def _show_participant(self) -> None:
-        other = self._other_screen()
-        self.participant.own_start = other is None
-        self.participant.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating, other is not None)
-        self.participant.setGeometry((other or self.main.screen()).geometry())
-        self.participant.showFullScreen()
-        if other is None:
+        alone = self.one_screen
+        self.participant.own_start = alone
+        self.participant.setAttribute(Qt.WidgetAttribute.WA_ShowWithoutActivating, not alone)
+        self.second_screen.show()
+        if alone:
             self.participant.activateWindow()
         self.participant.show_snapshot(self.main.snapshot)
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 from fake_client import CARDS, PRESETS, opened, ready, running
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QRect, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from screens import Screens, settle, visible_texts
@@ -14,6 +14,7 @@ from texts_on_screen import faults
 from app.ipc import messages as m
 from app.window.participant.questionnaire import ITEMS
 from app.window.run.session_cards import ABORT
+from app.window.second_screen import MOST_MOVES
 from app.window.widgets.keys import KEYS
 from app.window.widgets.page import RUN, TRY
 from app.window.widgets.theme import show_fitted
@@ -165,7 +166,7 @@ def comes_to_have_the_keyboard(qtbot, window: QWidget) -> None:
 
 
 def test_with_a_second_screen_the_console_has_the_keyboard_at_the_start(qtbot, screens: Screens, monkeypatch) -> None:
-    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
+    monkeypatch.setattr(screens.windows.second_screen, "other", screens.main.screen)
     screens.windows.show()
     comes_to_have_the_keyboard(qtbot, screens.main)
     screens.windows.show_or_hide_participant()
@@ -175,14 +176,14 @@ def test_with_a_second_screen_the_console_has_the_keyboard_at_the_start(qtbot, s
 
 
 def test_without_their_screen_the_participant_is_asked_in_the_main_window(screens: Screens, monkeypatch) -> None:
-    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
+    monkeypatch.setattr(screens.windows.second_screen, "other", screens.main.screen)
     screens.windows.show()
     assert screens.participant.isVisible() and screens.run.participant_answers
-    monkeypatch.setattr(screens.windows, "_other_screen", lambda: None)  # it is unplugged
+    monkeypatch.setattr(screens.windows.second_screen, "other", lambda: None)  # it is unplugged
     QApplication.instance().screenRemoved.emit(screens.main.screen())
     QApplication.processEvents()
     assert not screens.participant.isVisible() and not screens.run.participant_answers
-    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)  # and plugged in again
+    monkeypatch.setattr(screens.windows.second_screen, "other", screens.main.screen)  # and plugged in again
     QApplication.instance().screenAdded.emit(screens.main.screen())
     QApplication.processEvents()
     assert screens.participant.isVisible() and screens.run.participant_answers
@@ -190,7 +191,7 @@ def test_without_their_screen_the_participant_is_asked_in_the_main_window(screen
 
 def test_a_click_on_the_second_screen_leaves_the_keyboard_to_the_cards_of_the_console(qtbot, screens, monkeypatch):
     """The participant has it while they answer, and no longer."""
-    monkeypatch.setattr(screens.windows, "_other_screen", screens.main.screen)
+    monkeypatch.setattr(screens.windows.second_screen, "other", screens.main.screen)
     screens.windows.show()
     screens.hear(opened(), ready(10, stage=m.QUESTIONS))
     screens.participant.activateWindow()
@@ -200,6 +201,39 @@ def test_a_click_on_the_second_screen_leaves_the_keyboard_to_the_cards_of_the_co
     screens.hear(ready(10, stage=m.RERIG))
     screens.participant.activateWindow()  # as a click does
     comes_to_have_the_keyboard(qtbot, screens.main)
+
+
+class Elsewhere:
+    """A screen beside all others, on which nothing can be shown."""
+
+    def name(self) -> str:
+        return "beamer"
+
+    def geometry(self) -> QRect:
+        return QRect(5000, 0, 800, 600)
+
+
+def test_a_participants_window_that_does_not_land_where_it_should_is_moved_and_then_said_so(
+    screens: Screens, monkeypatch
+) -> None:
+    second, there = screens.windows.second_screen, screens.main.screen()
+    monkeypatch.setattr(second, "other", lambda: there)
+    screens.windows.show()
+    assert second._timer.isActive(), "it is looked at once it has had the time to land"
+    monkeypatch.setattr(second, "other", Elsewhere)
+    placed = []
+    monkeypatch.setattr(second, "_place", placed.append)
+    for _ in range(MOST_MOVES):
+        second.look()
+    assert len(placed) == MOST_MOVES and screens.main.cards.question is None
+    second.look()
+    assert "should cover the screen beamer" in screens.main.cards.question.text.text()
+    screens.main.cards.leave()
+    second.look()
+    assert screens.main.cards.question is None, "it is said once"
+    monkeypatch.setattr(second, "other", lambda: there)
+    second.look()
+    assert len(placed) == MOST_MOVES and screens.main.cards.question is None
 
 
 def test_over_the_console_the_participants_view_has_the_keyboard(qtbot, screens: Screens) -> None:
