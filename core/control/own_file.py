@@ -51,7 +51,7 @@ def _algorithm(name: str, text: str) -> Algorithm:
     check_own_name(where)
     algorithm = getattr(run_own(name, text), "ALGORITHM", None)
     if not isinstance(algorithm, Algorithm):
-        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), see docs/your-own-controller.md")
+        raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), see docs/your-own-experiment.md")
     if reason := _why_not(algorithm):
         raise InputError(f"{where}: ALGORITHM: {reason}")
     return algorithm._replace(kind=where)

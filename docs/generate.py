@@ -1,0 +1,49 @@
+"""`python docs/generate.py`: writes what the pages have from the program's own declarations.
+
+A part stands between two comments, `<!-- NAME -->` and `<!-- end -->`. `tests/app/test_pages.py` holds each to what the
+program declares now.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from experiments.analysis.metrics import METRICS
+from experiments.analysis.trials_table import STATUSES
+
+DOCS = Path(__file__).resolve().parent
+PART = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+def statuses() -> str:
+    """How a trial can end."""
+    return table(("status", "how the trial ended"), [(f"`{name}`", words) for name, words in STATUSES.items()])
+
+
+def measures() -> str:
+    """The measures of a trial. An arrow says which way is better."""
+    arrows = {"lower": "↓", "higher": "↑"}
+    rows = [(f"`{one.name}`", one.unit, arrows[one.better], one.meaning) for one in METRICS]
+    return table(("measure", "unit", "better", "what"), rows)
+
+
+PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures}
+
+
+def generated(page: str) -> str:
+    """A page with its parts as the program has them now."""
+    return PART.sub(lambda part: f"<!-- {part[1]} -->\n\n{PARTS[part[1]]()}\n<!-- end -->\n", page)
+
+
+if __name__ == "__main__":
+    for file in DOCS.glob("*.md"):
+        before = file.read_text(encoding="utf-8")
+        if before != (after := generated(before)):
+            file.write_text(after, encoding="utf-8")
+            print(file.name)

@@ -1,0 +1,59 @@
+"""The pages say what the program declares, lead only to files that exist, and stay short."""
+
+import importlib.util
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
+#: Where a text names a file of docs/, from the top of the source.
+NAMED = re.compile(r"\bdocs/[\w./-]*\w")
+LINK = re.compile(r"\]\(([^):#\s]+)(?:#[^)\s]*)?\)")
+
+
+def text_files() -> list[Path]:
+    """Every file of the source that is read as text, but for the list of changes."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    kinds = {".py", ".md", ".toml", ".c", ".h", ".yml", ".cff", ""}
+    return [ROOT / name for name in listed.splitlines() if Path(name).suffix in kinds and name != "CHANGELOG.md"]
+
+
+@pytest.fixture(scope="module")
+def generate():
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs/generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_what_pages_have_from_the_program_is_as_the_program_has_it_now(generate) -> None:
+    stale = [page.name for page in PAGES if generate.generated(text := page.read_text("utf-8")) != text]
+    assert not stale, "write them anew: .venv/bin/python docs/generate.py"
+    written = {part[0] for page in PAGES for part in generate.PART.findall(page.read_text("utf-8"))}
+    assert written == set(generate.PARTS)
+
+
+def test_every_file_of_docs_that_the_source_names_exists() -> None:
+    missing = {
+        f"{file.relative_to(ROOT)}: {name}"
+        for file in text_files()
+        if file.exists()
+        for name in NAMED.findall(file.read_text("utf-8"))
+        if not [*ROOT.glob(f"{name}*")]
+    }
+    assert not missing
+
+
+def test_every_relative_link_leads_to_a_file() -> None:
+    pages = [file for file in text_files() if file.suffix == ".md" and file.exists()]
+    pages = [page for page in pages if page.name != "report_template.md"]  # its pictures are made beside it
+    missing = {
+        f"{page.relative_to(ROOT)}: {target}"
+        for page in pages
+        for target in LINK.findall(page.read_text("utf-8"))
+        if not (page.parent / target).exists()
+    }
+    assert len(pages) > 10 and not missing
