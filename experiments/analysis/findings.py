@@ -1,6 +1,6 @@
 """The paper's eleven statements (Sections V-B and VI), judged by boxes and within each participant.
 
-The rules stand in docs/your-own-experiment.md. A statement is split into claims, a claim into comparisons: one for each device.
+Rules: docs/your-own-experiment.md. A statement is split into claims, a claim into comparisons: one a device.
 Each gives one piece of evidence, a difference, first minus second, in units of U, the uncontrolled size on the
 first side's device, with the interval in which it lies. A claim is met where the whole interval meets it, not met where
 no part of it does; else one cannot tell. Smoothness is judged by two sums, which treat the cut at the end of `move`

@@ -1,4 +1,4 @@
-"""An experiment of one's own in twenty minutes: the page's files are written and its commands run as they stand there."""
+"""An experiment of one's own in twenty minutes: the page's files are written and its commands run as they stand."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""What each controller does at a sharp corner: a place to arrive at and to leave (docs/your-own-experiment.md says the same)."""
+"""What each controller does at a sharp corner: a place to arrive at and to leave (docs/your-own-experiment.md)."""
 
 import math
 
