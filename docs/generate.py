@@ -4,10 +4,12 @@ A part stands between two comments, `<!-- NAME -->` and `<!-- end -->`. `tests/a
 program declares now.
 """
 
+import argparse
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from app.cli import make_parser
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
 
@@ -33,7 +35,18 @@ def measures() -> str:
     return table(("measure", "unit", "better", "what"), rows)
 
 
-PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures}
+def verbs() -> str:
+    """What `phd --help` says of each verb, and the first example of its own help."""
+    (choices,) = [action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction)]
+    summaries = {choice.dest: choice.help for choice in choices._choices_actions}
+    rows = []
+    for name, verb in choices.choices.items():
+        example = str(verb.epilog).split("\n")[1].strip()
+        rows.append((f"`phd {name}`", str(summaries[name]), f"`{example}`"))
+    return table(("verb", "does", "example"), rows)
+
+
+PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures, "verbs": verbs}
 
 
 def generated(page: str) -> str:

@@ -1,5 +1,5 @@
 """A session's database, session.db: one SQLite file, written by one process and read by any (the page of its format:
-docs/session-format.md).
+docs/files-and-commands.md).
 
 What is committed is there after a kill or a power cut; what is not was never half there. What the disk refuses stays in
 memory, in order, and goes with the next commit that it takes.

@@ -107,12 +107,19 @@ KINDS = {
 }  # fmt: skip
 
 
+PAGE = (EXAMPLES.parent / "files-and-commands.md").read_text(encoding="utf-8")
+
+
+def table_of(title: str) -> list[tuple[list[str], str]]:
+    """Of each row of the page's table of a kind of file: its keys, and the cell of their defaults."""
+    section = PAGE.partition(f"### {title}\n")[2].partition("\n### ")[0].partition("\n## ")[0]
+    cells = [line.split(" | ") for line in section.replace("| | ", "|  | ").splitlines() if line.startswith("| `")]
+    return [(re.findall(r"`([\w.]+)`", keys), default.strip()) for keys, default, *_ in cells]
+
+
 @pytest.mark.parametrize("title", KINDS)
-def test_the_page_of_keys_has_every_key_of_a_kind_of_file_and_no_other(title):
-    page = (EXAMPLES.parent / "keys.md").read_text(encoding="utf-8")
-    section = page.partition(f"## {title}\n")[2].partition("\n## ")[0]
-    cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
-    said = [key for cell in cells for key in re.findall(r"`([\w.]+)`", cell)]
+def test_the_page_of_files_has_every_key_of_a_kind_of_file_and_no_other(title):
+    said = [key for keys, _ in table_of(title) for key in keys]
     declared = keys_of(KINDS[title])
     ranges = {name for name, one in declared.items() if table_in(one.type) in (Spread, AssumptionRange)}
     inside = {name for name in declared for outer in ranges if name.startswith(f"{outer}.")}
@@ -120,9 +127,39 @@ def test_the_page_of_keys_has_every_key_of_a_kind_of_file_and_no_other(title):
     assert sorted(said) == sorted(declared.keys() - inside - tables)
     for kind in (Spread, AssumptionRange):
         if any(table_in(declared[name].type) is kind for name in ranges):
+            section = PAGE.partition(f"### {title}\n")[2]
             assert all(
                 f"`{one.name}`" in section or f"{one.name} = .." in section for one in msgspec.structs.fields(kind)
             )
+
+
+@pytest.mark.parametrize("title", KINDS)
+def test_the_page_of_files_has_the_default_of_every_key(title):
+    """A blank cell: the key is required. Words stand for None."""
+    declared, compared = keys_of(KINDS[title]), 0
+    for keys, cell in table_of(title):
+        try:
+            values = [*tomllib.loads(f"x = [{cell}]")["x"]]
+        except tomllib.TOMLDecodeError:
+            values = [cell]  # words
+        if len(values) != len(keys):
+            values = [values[0] if values else ""] * len(keys)
+        for key, value in zip(keys, values, strict=True):
+            default = default_of(declared[key])
+            if default is msgspec.NODEFAULT:
+                assert value == "", (key, "is required")
+            elif default is None or cell == "none" and not default:
+                assert isinstance(value, str) and value, (key, "has words")
+            else:
+                compared += 1
+                assert value == (list(default) if isinstance(default, tuple) else default), key
+    assert compared or title == "Cobot file"
+
+
+def default_of(one) -> object:
+    """The default of a key (of a spread: its value); msgspec.NODEFAULT where it has none."""
+    default = one.default if one.default_factory is msgspec.NODEFAULT else one.default_factory()
+    return default.value if isinstance(default, Spread) else default
 
 
 def test_the_example_with_every_key_of_a_protocol_has_them_all_and_each_default_that_it_names():

@@ -1,7 +1,7 @@
 """The shape of the tree: who may import whom, and where each of the paper's equations is.
 
 An equation is named in a docstring as "Eq. (2)", several as "Eqs. (9) and (10)", "Eqs. (9), (10)", "Eqs. (9, 10)"
-or "Eqs. (7)-(11)". docs/equations.md has one row for each, such as
+or "Eqs. (7)-(11)". docs/assumptions-and-equations.md has one row for each, such as
 `| (2) | ... | core/brake.py torque_gain |` (several places: by commas or semicolons; a method as `Class.method`).
 """
 
@@ -52,8 +52,8 @@ def docstrings(file: Path) -> dict[str, str]:
 
 
 def rows_of_equations() -> dict[int, str]:
-    """Equation number -> last cell of its row in docs/equations.md."""
-    rows = ROW.findall((ROOT / "docs/equations.md").read_text())
+    """Equation number -> last cell of its row in docs/assumptions-and-equations.md."""
+    rows = ROW.findall((ROOT / "docs/assumptions-and-equations.md").read_text())
     assert len(rows) == len({number for number, _ in rows}), "an equation has two rows"
     return {int(number): cell for number, cell in rows}
 

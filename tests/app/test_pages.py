@@ -5,7 +5,10 @@ import re
 import subprocess
 from pathlib import Path
 
+import msgspec
 import pytest
+
+from experiments.assumptions import Assumptions
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
@@ -34,6 +37,19 @@ def test_what_pages_have_from_the_program_is_as_the_program_has_it_now(generate)
     assert not stale, "write them anew: .venv/bin/python docs/generate.py"
     written = {part[0] for page in PAGES for part in generate.PART.findall(page.read_text("utf-8"))}
     assert written == set(generate.PARTS)
+
+
+def test_the_page_of_assumptions_has_each_with_its_default() -> None:
+    section = (ROOT / "docs/assumptions-and-equations.md").read_text("utf-8").partition("\n## Assumptions\n")[2]
+    said = {}
+    for line in section.partition("\n## ")[0].splitlines():
+        if line.startswith("| `"):
+            keys, values = (cell.strip() for cell in line.split("|")[1:3])
+            said |= dict(zip(re.findall(r"`(\w+)`", keys), values.split(", "), strict=True))
+    assert said.keys() == set(Assumptions.__struct_fields__)
+    for name, value in msgspec.structs.asdict(Assumptions()).items():
+        shown = f"{value:g}" if isinstance(value, float) else str(value)
+        assert value is None or said[name].strip('`"') == shown, name
 
 
 def test_every_file_of_docs_that_the_source_names_exists() -> None:

@@ -1,4 +1,4 @@
-"""The queries of docs/session-format.md run on a session as they stand there."""
+"""The queries of docs/files-and-commands.md run on a session as they stand there."""
 
 import re
 import sqlite3
@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from protocols import short
 from sessions import closed_session
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "session-format.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "files-and-commands.md"
 
 
 def test_the_queries_of_the_page_give_the_events_the_measures_and_the_paths_as_a_picture(tmp_path: Path) -> None:
