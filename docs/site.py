@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 OUTSIDE_DOCS = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
+    "hardware/firmware/README.md": "firmware.md",
     "LICENSE": "LICENSE",
     "CITATION.cff": "CITATION.cff",
 }

@@ -1,4 +1,4 @@
-"""A device of another kind, by a file of its own: `--link driver:FILE.py` (docs/write-your-own-device.md)."""
+"""A device of another kind, by a file of its own: `--link driver:FILE.py` (docs/bench.md)."""
 
 import importlib.util
 import time

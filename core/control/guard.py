@@ -7,7 +7,7 @@ that begins so. Where it cannot promise it, it locks as well, and says so in the
 Sensed motion is old, and encoders have steps: the guard takes the largest energy and way that are possible by now.
 
 For brakes with play no guard can promise this for ever: a hand that works to and fro inside the play of a full lock
-gains speed at every turn, and a little way with it (docs/obstacles.md). The guard leaves room for `turns` of them, and
+gains speed at every turn, and a little way with it (docs/bench.md). The guard leaves room for `turns` of them, and
 computes again once a joint turns back.
 """
 

@@ -1,4 +1,4 @@
-"""A driver for hardware of your own (docs/write-your-own-device.md): fill in `Bus`, phd run --link driver:FILE.py"""
+"""A driver for hardware of your own (docs/bench.md): fill in `Bus`, phd run --link driver:FILE.py"""
 
 import time
 

@@ -1,5 +1,5 @@
 """`python hardware/firmware/pin_map.py`: the pin map of the NUCLEO-F446RE as a Markdown table, from the firmware's own
-table (stm32f4/pins.h); docs/pin-map.md ends with it.
+table (stm32f4/pins.h); README.md beside it ends with it.
 """
 
 import re

@@ -1,7 +1,7 @@
 """The firmware on its processor: the whole image in QEMU does what the Python board does, an error in the core is
 found on every target, and it keeps within its ceilings.
 
-As a script it prints what it takes, as the table of docs/bench-device.md: `python tests/hardware/test_firmware.py`
+As a script it prints what it takes, as the table of the firmware's README: `python tests/hardware/test_firmware.py`
 (hardware/firmware/check does).
 """
 
@@ -37,7 +37,7 @@ from hardware.emulated_board.board import TICK_US
 from hardware.firmware import pin_map
 from hardware.serial_device import SerialDevice
 
-PAGE = SOURCES.parents[1] / "docs" / "bench-device.md"
+PAGE = SOURCES / "README.md"
 #: Of the NUCLEO-F446RE's image; stack and tick of the image whose plant is the clock; lines with all blank ones
 CEILINGS = {
     "flash, bytes": 12_288,
@@ -215,7 +215,7 @@ def test_every_pin_of_the_map_is_there_once_and_the_page_has_the_table() -> None
     for column in (0, 1, 2):
         assert len({row[column] for row in rows}) == len(rows), "a pin or place is wired twice"
     assert not {"PA13", "PA14", "PH0", "PH1"} & {row[1] for row in rows}, "the debugger's and the clock's"
-    page = (SOURCES.parents[1] / "docs" / "pin-map.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
     assert page.endswith("\n\n" + pin_map.table()), "write it anew: python hardware/firmware/pin_map.py"
 
 

@@ -1,4 +1,4 @@
-"""The template of docs/write-your-own-device.md: with its bus filled in, it senses, stops and runs a trial."""
+"""The template of docs/bench.md: with its bus filled in, it senses, stops and runs a trial."""
 
 import math
 import pickle

@@ -1,4 +1,4 @@
-/* Which pin is wired to what: the one table, from which the pins are set up and docs/pin-map.md is written. */
+/* Which pin is wired to what: the one table, from which the pins are set up and README.md has its pin map. */
 #ifndef PINS_H
 #define PINS_H
 
