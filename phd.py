@@ -32,6 +32,7 @@ from experiments.protocol import load_protocol
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import simulate
 from experiments.store.files import TABLE, pooled_rows, sessions_in
+from experiments.store.own_code import allow_code, unallowed_code
 from experiments.store.reader import read_recording
 from experiments.study.replay import Replacement
 from experiments.study.replay import replay as _replay
@@ -115,11 +116,16 @@ def load_recording(file: str | Path) -> pd.DataFrame:
     return frame
 
 
-def replay(file: str | Path, controller: int | None = None, device: str | None = None) -> pd.DataFrame:
+def replay(
+    file: str | Path, controller: int | None = None, device: str | None = None, run_own_code: bool = False
+) -> pd.DataFrame:
     """Each measure of a recorded trial, before and after its hand is simulated once more (see `phd replay`).
 
     controller: by its number in the protocol; None: the recorded one. attrs["summary"]: what the verb prints.
+    run_own_code: controllers and measures that the session's folder holds may run, now and later.
     """
+    if run_own_code:
+        allow_code(unallowed_code(Path(file).absolute().parent.parent).values())
     watch_compiling()
     load_kernels()
     summary = _replay(file, Replacement(controller, device))

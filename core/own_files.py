@@ -1,23 +1,29 @@
 """Python files of one's own beside a protocol, controllers and measures: checked, and run from their text.
 
-The text travels with the experiment, so that a session, its recordings and every process have the very code that ran.
-A file is run as Python: open experiments only of people whom you would let run a program.
+The text travels with the experiment, so that a session, its recordings and every process have the very code that ran,
+and with it what the file declares, so that nobody runs it to read a session. A file is run as Python: start protocols
+only of people whom you would let run a program. Code out of a session's folder: `core.own_consent`.
 """
 
 import ast
-import hashlib
+import functools
 import importlib.util
+import json
 import os
 import re
 import sys
 import tempfile
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any, NamedTuple
 
 from core.files import InputError, read_text
 from core.kernels.cache import cache_folder
 from core.kernels.decorators import OWN_MODULE
+from core.own_consent import allow, digest_of, refuse_unallowed
+from core.own_process import OwnCodeFailed, call_apart
 
 MOST_CHARACTERS = 100_000  # every recording holds the text. Our choice
 #: Names are columns of tables, words in tables of kernels and file names on every system.
@@ -26,8 +32,27 @@ _OURS = {"core", "experiments", "hardware", "app", "phd"}
 _lock = threading.RLock()
 
 
+class OwnFile(NamedTuple):
+    """A file of one's own."""
+
+    name: str  # without ".py"
+    text: str  # in full
+    declared: str  # what it declares, JSON
+
+    @property
+    def digest(self) -> str:
+        return digest_of(self.text)
+
+    def declaration(self, kind: str) -> Any:
+        """What it declares of this kind. InputError: nothing that can be read."""
+        try:
+            return json.loads(self.declared)[kind]
+        except (ValueError, LookupError, TypeError, RecursionError):
+            raise InputError(f"{self.name}.py: what it declares is damaged") from None
+
+
 def read_own_text(folder: Path, name: str) -> str:
-    """The text of a file of one's own. InputError, one sentence, if it cannot be one."""
+    """The text of a file of one's own, which may run from now on. InputError, one sentence: it is none."""
     check_own_name(name)
     path = folder / name
     text = read_text(path)
@@ -39,7 +64,21 @@ def read_own_text(folder: Path, name: str) -> str:
                 f"{path}: imports {module}, which stands beside it: a session keeps the text of this file alone, so "
                 "put all of it into this file"
             )
+    allow(text)
     return text
+
+
+@functools.cache
+def declared_by(name: str, text: str, declare: Callable[[str, str], dict[str, Any]]) -> dict[str, Any]:
+    """What a file declares, from a process beside this one, which runs it. InputError, one sentence, if it cannot be.
+
+    declare: takes name and text, there.
+    """
+    refuse_unallowed(f"{name}.py", text)
+    try:
+        return dict(call_apart(f"{name}.py: cannot be run", declare, name, text))
+    except OwnCodeFailed as error:
+        raise InputError(str(error)) from None
 
 
 def check_own_name(name: str) -> None:
@@ -65,7 +104,8 @@ def _imported(text: str) -> set[str]:
 
 def run_own(name: str, text: str) -> ModuleType:
     """The module of this text, run once in a process. InputError, one sentence, if it cannot be run."""
-    module_name = f"{OWN_MODULE}{name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    refuse_unallowed(f"{name}.py", text)
+    module_name = f"{OWN_MODULE}{name}_{digest_of(text)[:16]}"
     with _lock:  # a module that another thread still runs is not whole
         if module_name in sys.modules:
             return sys.modules[module_name]
@@ -79,8 +119,10 @@ def run_own(name: str, text: str) -> ModuleType:
         sys.modules[module_name] = module
         try:
             spec.loader.exec_module(module)
-        except (Exception, SystemExit) as error:  # whatever the file does wrong
-            del sys.modules[module_name]
+        except BaseException as error:  # whatever the file does wrong
+            sys.modules.pop(module_name, None)
+            if isinstance(error, KeyboardInterrupt):  # of this user; the process beside this one gets none
+                raise
             raise InputError(f"{name}.py: cannot be run: {what_failed(error, module_name)}") from None
         return module
 

@@ -278,7 +278,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "seed": [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"],
         "participant sees": [_seen(protocol)],
         "experimenter": [f"sees codes, K1 to K{len(protocol.controllers)}"] if protocol.blind else [],
-        "measures": [_file_text(name, protocol.code[name]) for name in [protocol.measure] if name],
+        "measures": [_file_text(name, protocol.code[name].text) for name in [protocol.measure] if name],
         "instructions": [f"{pages} before the first trial, for a person"] if protocol.instruction else [],
         "questionnaire": [f"after each {protocol.questionnaire.each}, for a person"]
         if protocol.questionnaire.on

@@ -6,6 +6,7 @@ lost. The paper's protocol is shipped and the default.
 """
 
 import functools
+import json
 import os.path
 import stat
 import textwrap
@@ -19,17 +20,20 @@ import msgspec
 
 from core.control.controllers import Preset
 from core.control.guard import NOTHING, Around, locks_at_rest, why_no_guard
+from core.control.own_file import declare as declared_algorithm
 from core.control.reflect import WALL_N_M
 from core.device import Device, build_device, inline_devices, load_device
 from core.drawn_path import read_path
 from core.files import InputError, from_plain, is_assumed, parse_toml, read_text, shipped_names, shipped_or_file
 from core.obstacles import build_obstacles, nearest_obstacle
-from core.own_files import read_own_text
+from core.own_consent import allow
+from core.own_files import OwnFile, check_own_name, declared_by, read_own_text
 from core.path import Path as PathAhead
 from core.path import PathFile, build_path, outline, point_at
 from core.workspace import free_tips, tip_is_free
 from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
 from experiments.language import Language, language_text, read_language, shipped_languages
+from experiments.own_measure import declared_measures
 from experiments.protocol_file import (
     NUMBER,
     ControllerFile,
@@ -73,7 +77,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
     paths: dict[int, PathFile]
     drawn: dict[int, str]  # number -> how a drawing was read, in words
     drawings: dict[str, str]  # their files in full
-    code: dict[str, str]  # the Python files of controllers and measures that are not shipped, in full
+    code: dict[str, OwnFile]  # the Python files of controllers and measures, by their names with ".py"
     controllers: dict[int, Preset]
     trial: TrialRules
     language_text: str  # in full
@@ -214,18 +218,29 @@ def read_protocol(
     drawings = {name: read_text(folder / name) for entry in file.path if isinstance(name := entry.get("file"), str)}
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
-    code = {
-        name: to_come.get(name) or read_code(folder, name)
-        for name in dict.fromkeys([*(controller.algorithm for controller in file.controller), file.measure])
-        if name
-    }
+    controllers = {controller.algorithm: None for controller in file.controller if controller.algorithm}
+    texts = {name: to_come.get(name) or read_code(folder, name) for name in (*controllers, file.measure) if name}
+    code = {name: _own_file(name, text, name in controllers, name == file.measure) for name, text in texts.items()}
     return _checked(file, _Contents(text, words, pictures, drawings, code), found, overrides, where)
+
+
+def _own_file(name: str, text: str, is_controller: bool, is_measure: bool) -> OwnFile:
+    """A file of one's own with what it declares, for which it is run. InputError, one sentence, if it cannot be."""
+    check_own_name(name)
+    stem = name.removesuffix(".py")
+    declared = declared_by(stem, text, declared_algorithm) if is_controller else {}
+    return OwnFile(stem, text, json.dumps(declared | (declared_measures(stem, text) if is_measure else {})))
 
 
 def read_code(folder: Path, name: str) -> str:
     """The text of a Python file that a file in `folder` names: it stands beside that one, or it is shipped."""
     is_shipped = not (folder / name).exists() and (SHIPPED_FOLDER / name).exists()
     return read_own_text(SHIPPED_FOLDER if is_shipped else folder, name)
+
+
+def is_shipped_code(name: str, text: str) -> bool:
+    """Whether this is a file that comes with the program."""
+    return name in {path.name for path in SHIPPED_FOLDER.glob("*.py")} and read_text(SHIPPED_FOLDER / name) == text
 
 
 def read_picture(path: Path, where: str) -> bytes:
@@ -262,7 +277,7 @@ class _Contents(NamedTuple):
     language: str
     pictures: dict[str, bytes]
     drawings: dict[str, str]
-    code: dict[str, str]
+    code: dict[str, OwnFile]
 
 
 def _checked(
@@ -311,7 +326,7 @@ def _checked(
     )  # fmt: skip
 
 
-def _preset(controller: ControllerFile, code: Mapping[str, str], where: str) -> Preset:
+def _preset(controller: ControllerFile, code: Mapping[str, OwnFile], where: str) -> Preset:
     try:
         return controller.preset(code)
     except ValueError as error:
@@ -437,13 +452,14 @@ def protocol_to_json(protocol: Protocol) -> dict[str, Any]:
         ],
         **({"language": protocol.language_text} if protocol.language not in shipped_languages() else {}),
         **({"drawings": protocol.drawings} if protocol.drawings else {}),
-        **({"code": protocol.code} if protocol.code else {}),
+        **({"code": {name: own.text for name, own in protocol.code.items()}} if protocol.code else {}),
+        **({"declared": {name: own.declared for name, own in protocol.code.items()}} if protocol.code else {}),
         **({"pictures": {k: b64encode(v).decode() for k, v in protocol.pictures.items()}} if protocol.pictures else {}),
     }
 
 
 def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
-    """A stored protocol. InputError, or KeyError and TypeError if something is missing."""
+    """A stored protocol; no file of its own is run. InputError, or KeyError and TypeError if something is missing."""
     file = parse_toml(about["text"], ProtocolFile, f"{where}: protocol")
     devices = []
     for stored in about["devices"]:
@@ -451,7 +467,15 @@ def protocol_from_json(about: Mapping[str, Any], where: str) -> Protocol:
         devices.append((named, build_device(stored["file"], stored["brakes"], named, stored.get("calibration"))))
     words = about.get("language") or language_text(file.language, Path())
     pictures = {name: b64decode(content) for name, content in about.get("pictures", {}).items()}
-    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}), about.get("code", {}))
+    code = {
+        name: OwnFile(name.removesuffix(".py"), text, about["declared"][name])
+        for name, text in about.get("code", {}).items()
+    }
+    for name, own in code.items():
+        check_own_name(name)
+        if is_shipped_code(name, own.text):
+            allow(own.text)
+    contents = _Contents(about["text"], words, pictures, about.get("drawings", {}), code)
     return _checked(file, contents, devices, about["overrides"], f"{where}: protocol")
 
 

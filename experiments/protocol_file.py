@@ -12,10 +12,10 @@ import msgspec
 from core.control.algorithm import GAP_M
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset, make_preset
 from core.control.guard import Guard
-from core.control.own_file import read_own
 from core.control.rule_sets import RULE_SETS
 from core.files import NotNegative, Positive, Table, choice, text_of_form
 from core.obstacles import ObstacleFile
+from core.own_files import OwnFile
 from core.ranges import BodyMass, Push, Radius, SmallLength
 from core.simulator.hand import Hand, spring_hand
 from experiments.assumptions import Assumptions, LowGain
@@ -210,16 +210,12 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
         if self.algorithm is None:
             self.preset({})
 
-    def preset(self, files: Mapping[str, str]) -> Preset:
-        """The controller; files: texts of the files by name. ValueError if its parameters are not its algorithm's.
-
-        InputError if its file cannot be run.
-        """
+    def preset(self, files: Mapping[str, OwnFile]) -> Preset:
+        """The controller; files: by name. ValueError if its parameters are not its algorithm's."""
         given = {name: getattr(self, name) for name in PARAMETERS}
         if self.algorithm is None:
             return make_preset(self.name, str(self.kind), given)
-        own = read_own(self.algorithm.removesuffix(".py"), files[self.algorithm])
-        return make_preset(self.name, self.algorithm, given | self.parameters, own)
+        return make_preset(self.name, self.algorithm, given | self.parameters, files[self.algorithm])
 
 
 class ProtocolFile(Settings, frozen=True, kw_only=True):

@@ -71,7 +71,7 @@ def save_variant(file: Path, protocol: Protocol, variant: Variant) -> None:
     renamed = {
         name: f"{name.removesuffix('.py')}_{re.sub('[^A-Za-z0-9]', '_', file.stem)}.py" for name in protocol.code
     }
-    code = {renamed[name]: text for name, text in protocol.code.items()}
+    code = {renamed[name]: own.text for name, own in protocol.code.items()}
     content |= {
         "name": file.stem,
         "rules": variant.rules,

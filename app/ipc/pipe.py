@@ -125,12 +125,13 @@ def start_python(
 ) -> subprocess.Popen:
     """Run `main` of a module of this program in a new process, from any folder.
 
-    Not by `-m`, so that what it pickles belongs to that module. environment: added to ours; options: as for Popen.
+    Not by `-m`, so that what it pickles belongs to that module; `-P`: nothing is imported from the current folder.
+    environment: added to ours; options: as for Popen.
     """
     program_cores()  # handed down
     path = os.environ.get("PYTHONPATH", "")
     found = {"PYTHONPATH": f"{_ROOT}{os.pathsep}{path}" if path else _ROOT}
-    command = [sys.executable, "-c", f"from {module} import main; main()", *arguments]
+    command = [sys.executable, "-P", "-c", f"from {module} import main; main()", *arguments]
     if sys.platform == "win32":  # neither a console window of its own nor the Ctrl-C of ours
         options["creationflags"] = subprocess.CREATE_NO_WINDOW
     return subprocess.Popen(command, env=os.environ | found | (environment or {}), **options)

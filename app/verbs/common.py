@@ -13,7 +13,9 @@ from app import DATA
 from app.progress import ProgressBar, watch_compiling
 from core.device import load_device
 from core.files import InputError
+from core.own_consent import OPTION
 from experiments.assumptions import NO_VIBRATION
+from experiments.store.own_code import allow_code, unallowed_code
 
 #: How a key ends -> its unit; longer ends first: they hold shorter ones.
 UNITS = {"N_s_m": "N s/m", "N_m": "N m", "s": "s", "m": "m", "N": "N", "A": "A", "J": "J"}
@@ -37,6 +39,11 @@ DEVICES: dict[str, Any] = {
 FIGURES: dict[str, Any] = {
     "choices": ("screen", "journal"),
     "help": "journal: box plots 3.5 and 7 inches wide, text of 7 to 9 points at that size (default: screen, wider)",
+}  # fmt: skip
+RUN_OWN_CODE: dict[str, Any] = {
+    "action": "store_true",
+    "help": "run controllers and measures of the experiment's own that the folder holds, without a question; what is "
+    "allowed once is remembered",
 }  # fmt: skip
 PORTS: dict[str, Any] = {
     "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
@@ -105,6 +112,25 @@ def devices_of(args: argparse.Namespace) -> list:
     if len(set(names)) < len(names):
         raise InputError(f"--device: two devices have the same name ({', '.join(names)})")
     return devices
+
+
+def ask_own_code(folder: Path, allowed: bool) -> None:
+    """Ask on the terminal whether code out of a folder of sessions may run. allowed: the command line says so.
+
+    Where nobody can be asked it does not run, and a sentence says so.
+    """
+    code = unallowed_code(folder)
+    if not code:
+        return
+    names = f"{folder} holds code of its own: {', '.join(code)}"
+    if not allowed and sys.stdin.isatty() and sys.stderr.isatty():
+        print(f"{names}. It can do all that you can do on this computer. Run it? [y/N] ", end="", file=sys.stderr)
+        sys.stderr.flush()
+        allowed = sys.stdin.readline().strip().lower() in ("y", "yes")
+    elif not allowed:
+        print(f"warning: {names}. It is not run: nobody can be asked here, and {OPTION} is missing", file=sys.stderr)
+    if allowed:
+        allow_code(code.values())
 
 
 def with_progress(doing: str, call: Callable[..., Result], *arguments: object, compiles: bool = False) -> Result:

@@ -5,8 +5,19 @@ import getpass
 from pathlib import Path
 
 from app.progress import ScreenCheck, import_window_module
-from app.verbs.common import FIGURES, FOLDER, add_verb, print_result, summary_text, whole_number_of, with_progress
+from app.verbs.common import (
+    FIGURES,
+    FOLDER,
+    RUN_OWN_CODE,
+    add_verb,
+    ask_own_code,
+    print_result,
+    summary_text,
+    whole_number_of,
+    with_progress,
+)
 from core.files import InputError
+from core.own_consent import OPTION
 from experiments.numbers import percent
 
 #: Any of these: no window.
@@ -29,6 +40,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--controller", type=whole_number_of(1), metavar="N", help=controller)
     option("--device", metavar="NAME|PATH", help="on this device, shipped or a file (default: the recorded one)")
     option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
+    option(OPTION, **RUN_OWN_CODE)
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone\n"
         "Writes into a new folder; never touches the files of DIR. A recording that is damaged is left out and named,\n"
@@ -49,6 +61,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--figures", **FIGURES)
     timeouts = "put trials whose time was up into boxes and statistics, which leave them out otherwise"
     option("--timeouts", action="store_true", help=timeouts)
+    option(OPTION, **RUN_OWN_CODE)
     option = add_verb(
         verbs, "export", export_verb, "write a study's recordings as BIDS-Motion or as CSV\n"
         "Each into a new folder, whole or not at all; both may be asked for at once. A recording that is damaged or\n"
@@ -79,6 +92,7 @@ def analyze_verb(args: argparse.Namespace) -> None:
     from experiments.analysis.chart_figures import SCREEN
     from experiments.study.analyze import analyze, read_studies, write_side_by_side
 
+    ask_own_code(args.dir, args.run_own_code)
     studies = read_studies([args.dir, *args.beside]) if args.beside else {}
     unblinded_by = getpass.getuser() if args.unblind else ""
     summary = with_progress(
@@ -120,6 +134,7 @@ def replay_verb(args: argparse.Namespace) -> int | None:
         return play(args.recording)
     from experiments.study.replay import Replacement, replay
 
+    ask_own_code(args.recording.absolute().parent.parent, args.run_own_code)
     other = Replacement(args.controller, args.device)
     summary = with_progress("replaying", replay, args.recording, other, args.out, compiles=True)
     print_result(args, summary, table(summary), (f"{args.recording}: {warning}" for warning in summary["warnings"]))

@@ -7,7 +7,9 @@ from app.verbs.common import (
     DEVICES,
     FIGURES,
     RULES,
+    RUN_OWN_CODE,
     add_verb,
+    ask_own_code,
     low_gain,
     number_between,
     print_result,
@@ -16,6 +18,7 @@ from app.verbs.common import (
     with_progress,
 )
 from core.files import InputError
+from core.own_consent import OPTION
 from experiments.protocol import load_protocol
 from experiments.trial.population import SHIPPED_FOLDER, load_population
 
@@ -56,6 +59,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
     option("--figures", **FIGURES)
     option("--resume", action="store_true", help="go on with the interrupted study in DIR, with its own settings")
+    option(OPTION, **RUN_OWN_CODE)
     option(
         "--sweep", metavar="FILE.toml",
         help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
@@ -123,6 +127,7 @@ def study(args: argparse.Namespace) -> None:
     protocol = load_protocol(named, devices=args.device, **overrides)
     population = load_population("average" if args.population is None else args.population)
     if args.resume:
+        ask_own_code(args.out, args.run_own_code)
         given = {"operators": args.operators, "devices": args.device and protocol.devices}
         given |= {"protocol": args.protocol and protocol, "population": args.population and population}
         asked = overrides | {name: value for name, value in given.items() if value}

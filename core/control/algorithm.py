@@ -41,7 +41,7 @@ class Algorithm(NamedTuple):
     def decisions(self) -> tuple[str, ...]:
         """Its own decisions, in the order of the codes from OWN on by which its kernel answers."""
         return tuple(
-            words.format(J=joint) for words in self.own for joint in (JOINTS if "{J}" in words else JOINTS[:1])
+            words.replace("{J}", joint) for words in self.own for joint in (JOINTS if "{J}" in words else JOINTS[:1])
         )
 
 

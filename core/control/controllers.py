@@ -30,7 +30,7 @@ from core.control.algorithm import (
     release,
 )
 from core.control.guard import NO_OBSTACLE, keep_out
-from core.control.own_file import MOST_PARAMETERS, MOST_WORDS, OwnFile, address_in, algorithm_in
+from core.control.own_file import MOST_PARAMETERS, MOST_WORDS, address_in, algorithm_in
 from core.control.rule_sets import rule_set
 from core.control.velocity_field import NO_FIELD, Field, Seen, field_at, field_at_obstacle, new_memory
 from core.files import InputError, did_you_mean
@@ -38,6 +38,7 @@ from core.kernels import kernel
 from core.kernels.by_address import FAILED, Caller
 from core.mechanism import no_brakes
 from core.obstacles import nearest_obstacle
+from core.own_files import OwnFile
 from core.simulator.state import pack_brakes
 
 
@@ -85,7 +86,7 @@ class Preset(NamedTuple):
 
     @property
     def algorithm(self) -> Algorithm:
-        """InputError if the file of its own cannot be run."""
+        """InputError if what is stored of a file of its own is damaged."""
         return ALGORITHMS[self.kind] if self.own is None else algorithm_in(self.own)
 
     @property
@@ -100,9 +101,7 @@ class Preset(NamedTuple):
     @property
     def named(self) -> dict[str, float]:
         """Each parameter of its algorithm, SI units."""
-        if self.own is not None:
-            return dict(zip(self.own.parameters, self.values, strict=True))
-        names = (parameter.name for parameter in ALGORITHMS[self.kind].parameters)
+        names = (parameter.name for parameter in self.algorithm.parameters)
         return dict(zip(names, self.values, strict=True))
 
     @property
@@ -171,6 +170,13 @@ def make_controller(
         around,
     )
     return with_address(controller, preset)
+
+
+def refuse_uncompilable(presets: Iterable[Preset]) -> None:
+    """InputError, one sentence, if the file of one of these controllers does not compile."""
+    for preset in presets:
+        if preset.own is not None:
+            address_in(preset.own, decide_at)
 
 
 def with_address(controller: Controller, preset: Preset) -> Controller:

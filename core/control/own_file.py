@@ -1,14 +1,16 @@
 """Controllers in files of their own: `algorithm = "damper.py"` in a protocol, declared as the shipped ones are.
 
-The text of the file travels with its controller (`Preset.own`); how it is run: `core.own_files`.
+The file travels with its controller (`Preset.own`); how it is run: `core.own_files`. A process beside this one runs it
+first and says what it declares; here it is run to be compiled, once it is known to do no harm.
 """
 
+import ast
 import functools
-import hashlib
+import json
 import math
 import re
 import threading
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,45 +18,87 @@ from core.control.algorithm import OWN, Algorithm, Parameter
 from core.files import InputError
 from core.kernels import INTERPRETED, kernel
 from core.kernels.by_address import FAILED, Caller
-from core.own_files import NAME, check_own_name, run_own
+from core.kernels.decorators import Kernel
+from core.own_files import NAME, OwnFile, check_own_name, declared_by, run_own
 
 MOST_PARAMETERS = 8  # of any algorithm: the kernels take as many numbers of each
 MOST_WORDS = 16  # decisions of its own
 
 
-class OwnFile(NamedTuple):
-    """A file with an algorithm."""
-
-    name: str  # without ".py"
-    text: str  # in full
-    parameters: tuple[str, ...]  # names, as the file declares them
-
-    @property
-    def digest(self) -> str:
-        return hashlib.sha256(self.text.encode()).hexdigest()
+KIND = "algorithm"  # of what a file declares
 
 
 def read_own(name: str, text: str) -> OwnFile:
     """The file of this name and text. InputError, one sentence, if it declares no algorithm that can run."""
-    algorithm = _algorithm(name, text)
-    return OwnFile(name, text, tuple(parameter.name for parameter in algorithm.parameters))
+    check_own_name(f"{name}.py")
+    return OwnFile(name, text, json.dumps(declared_by(name, text, declare)))
 
 
-def algorithm_in(own: OwnFile) -> Algorithm:
-    """What the file declares. InputError as `read_own`."""
-    return _algorithm(own.name, own.text)
+def declare(name: str, text: str) -> dict[str, Any]:
+    """Run the file: what it declares, as JSON holds it. InputError as `read_own`."""
+    return {KIND: _plain(_run(name, text))}
 
 
-@functools.cache
-def _algorithm(name: str, text: str) -> Algorithm:
+def _run(name: str, text: str) -> Algorithm:
+    """The algorithm in the file, which is run. InputError as `read_own`."""
     where = f"{name}.py"
-    check_own_name(where)
     algorithm = getattr(run_own(name, text), "ALGORITHM", None)
     if not isinstance(algorithm, Algorithm):
         raise InputError(f"{where}: must have ALGORITHM = Algorithm(..), see docs/your-own-experiment.md")
     if reason := _why_not(algorithm):
         raise InputError(f"{where}: ALGORITHM: {reason}")
-    return algorithm._replace(kind=where)
+    decide = algorithm.decide
+    if not callable(decide) or not INTERPRETED and not isinstance(decide, Kernel):
+        raise InputError(f"{where}: ALGORITHM: decide must be a kernel: write @kernel above it")
+    if reason := _recursion(text):
+        raise InputError(f"{where}: {reason}")
+    return algorithm
+
+
+def _plain(algorithm: Algorithm) -> list[Any]:
+    """Its declaration, as JSON holds it."""
+    return [[[*parameter[:-1], [*parameter.slider]] for parameter in algorithm.parameters], [*algorithm.own]]
+
+
+def _recursion(text: str) -> str:
+    """Why a kernel could call itself without end, which would end the program; "": none calls itself."""
+    functions = {node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
+    calls = {
+        name: {node.id for node in ast.walk(function) if isinstance(node, ast.Name)} & functions.keys()
+        for name, function in functions.items()
+    }
+    for name, function in functions.items():
+        reached, waiting = set[str](), [*calls[name]]
+        while waiting:
+            reached.add(called := waiting.pop())
+            waiting += calls[called] - reached
+        if name in reached:
+            return f"line {function.lineno}: {name} calls itself, directly or by others, and a controller may not"
+    return ""
+
+
+def algorithm_in(own: OwnFile) -> Algorithm:
+    """What the file declares; it is not run. InputError: what is stored of it is damaged."""
+    return _algorithm(own)
+
+
+@functools.cache
+def _algorithm(own: OwnFile) -> Algorithm:
+    where = f"{own.name}.py"
+    try:
+        parameters, words = own.declaration(KIND)
+        found = tuple(Parameter._make([*about, (least, most)]) for *about, (least, most) in parameters)
+        algorithm = Algorithm(where, found, tuple(words), _not_here)
+        reason = _why_not(algorithm)
+    except (ValueError, TypeError, LookupError, KeyError) as error:
+        reason = str(error)
+    if reason:
+        raise InputError(f"{where}: what it declares is damaged ({reason})")
+    return algorithm
+
+
+def _not_here(*_: Any) -> int:
+    raise TypeError("the declaration of a file has no code")
 
 
 def _why_not(algorithm: Algorithm) -> str:
@@ -77,8 +121,6 @@ def _why_not(algorithm: Algorithm) -> str:
         return 'its decisions must be a tuple of texts: ("damped",) for a single one'
     if len(algorithm.decisions) > MOST_WORDS:
         return f"it may have up to {MOST_WORDS} decisions of its own, not {len(algorithm.decisions)}"
-    if not callable(algorithm.decide) or not INTERPRETED and not hasattr(algorithm.decide, "entry"):
-        return "decide must be a kernel: write @kernel above it"
     return ""
 
 
@@ -102,7 +144,9 @@ def address_in(own: OwnFile, caller: Caller) -> int:
 
 
 def _compiled(own: OwnFile, caller: Caller) -> int:
-    algorithm = algorithm_in(own)
+    algorithm = _run(own.name, own.text)
+    if _plain(algorithm) != own.declaration(KIND):
+        raise InputError(f"{own.name}.py: declares something else than what is stored of it")
     decide: Any = algorithm.decide
     end = OWN + len(algorithm.decisions)
 

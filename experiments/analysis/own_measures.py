@@ -1,27 +1,31 @@
 """Measures in a file of one's own: `measure = "my_measure.py"` in a protocol, beside the shipped ones everywhere.
 
 The file declares `MEASURES`, each a `Measure` with a plain function of a `Movement` and its arrays. The text of the
-file travels with every recording. Where a function raises an error or answers no finite number the trial stays, its
-cell is empty, and the sentence that says so stands in `TrialRow.failed`.
+file travels with every recording. Its functions run in a process beside this one (`core.own_process`). Where one raises
+an error, answers no finite number, takes a minute or ends its process the trial stays, its cell is empty, and the
+sentence that says so stands in `TrialRow.failed`.
 """
 
-import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from core.control.controllers import PARAMETERS
 from core.files import InputError
-from core.own_files import NAME, run_own, what_failed
+from core.own_consent import NotAllowed, refuse_unallowed
+from core.own_files import OwnFile, run_own, what_failed
+from core.own_process import OwnCodeFailed, call_apart
 from experiments.analysis.metrics import BY_NAME, MeasureFailed, Metric
 from experiments.analysis.movement import Movement
+from experiments.own_measure import Measure, measures_in, run_measures
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
 
-BETTER = ("lower", "higher")
+__all__ = ["Measure", "metrics_in", "own_metrics", "recorded_metrics", "runnable_metrics", "why_not_run"]
+
 #: Columns that tables with measures have besides: a measure of such a name would be taken for it.
 TAKEN = {
     *BY_NAME, *PlannedTrial._fields, *PARAMETERS, "participant", "status", "recording", "energy_residual_J",
@@ -29,21 +33,9 @@ TAKEN = {
 }  # fmt: skip
 
 
-class Measure(NamedTuple):
-    """One measure, as a file declares it."""
-
-    name: str  # its column in trials.csv; by custom the unit is its end: "overshoot_m"
-    title: str
-    unit: str  # "" for a number without one
-    of: Callable[[Movement], float | None]  # None: there is nothing to measure in this trial
-    meaning: str = ""
-    decimals: int = 2  # in reports
-    better: str = "lower"  # or "higher"
-
-
 @dataclass(frozen=True)
 class InFile:
-    """The function of a measure; sent to another process, it is found there in the text of its file."""
+    """The function of a measure."""
 
     file: str  # without ".py"
     text: str
@@ -51,21 +43,32 @@ class InFile:
 
     def __call__(self, movement: Movement) -> float | None:
         """Its answer. MeasureFailed, one sentence, if it gives none."""
-        (measure,) = (measure for measure in _declared(self.file, self.text) if measure.name == self.name)
-        module = run_own(self.file, self.text).__name__
+        where = f"{self.file}.py: {self.name}"
         try:
-            value = measure.of(movement)
-            number = _number(value)
-        except (Exception, SystemExit) as error:  # whatever the file does wrong
-            raise MeasureFailed(f"{self.file}.py: {self.name}: {what_failed(error, module)}") from None
-        if value is None:
-            return None
-        if number is None:
-            words = " ".join(f"{type(value).__name__} {value!r}".split())[:60]
-            raise MeasureFailed(f"{self.file}.py: {self.name}: answered no number ({words})")
-        if not math.isfinite(number):
-            raise MeasureFailed(f"{self.file}.py: {self.name}: answered {number}, which is no finite number")
-        return number
+            refuse_unallowed(f"{self.file}.py", self.text)
+            found = call_apart(where, answer_of, self, movement)
+        except (OwnCodeFailed, NotAllowed) as error:
+            raise MeasureFailed(str(error)) from None
+        return None if found is None else float(found)
+
+
+def answer_of(measure: InFile, movement: Movement) -> float | None:
+    """In the process beside this one: what the function answers. InputError, one sentence, if it is no number."""
+    where, module = f"{measure.file}.py: {measure.name}", run_own(measure.file, measure.text).__name__
+    (declared,) = (own for own in run_measures(measure.file, measure.text) if own.name == measure.name)
+    try:
+        value = declared.of(movement)
+        number = _number(value)
+    except BaseException as error:  # whatever the file does wrong
+        raise InputError(f"{where}: {what_failed(error, module)}") from None
+    if value is None:
+        return None
+    if number is None:
+        words = " ".join(f"{type(value).__name__} {value!r}".split())[:60]
+        raise InputError(f"{where}: answered no number ({words})")
+    if not math.isfinite(number):
+        raise InputError(f"{where}: answered {number}, which is no finite number")
+    return number
 
 
 def _number(value: object) -> float | None:
@@ -75,46 +78,25 @@ def _number(value: object) -> float | None:
     return float(value)
 
 
-@functools.cache
-def _declared(file: str, text: str) -> tuple[Measure, ...]:
-    """InputError, one sentence, for a file that declares no measures."""
-    where, measures = f"{file}.py", getattr(run_own(file, text), "MEASURES", None)
-    if not isinstance(measures, Sequence) or not measures or not all(isinstance(each, Measure) for each in measures):
-        raise InputError(f"{where}: must have MEASURES = (Measure(..),), as docs/examples/protocols/my_measure.py has")
-    for measure in measures:
-        name = measure.name
-        if not isinstance(name, str) or not NAME.fullmatch(name):
-            raise InputError(f"{where}: a measure's name must be of letters (a to z), digits and _, not {name!r}")
-        if name in TAKEN:
-            raise InputError(f"{where}: {name} is a column that tables have already: give the measure another name")
-        texts = measure.title, measure.unit, measure.meaning
-        if not all(isinstance(text, str) and text.isprintable() for text in texts) or not measure.title:
-            raise InputError(f"{where}: {name}: title, unit and meaning must be text, in one line")
-        if not isinstance(measure.decimals, int) or not 0 <= measure.decimals <= 9:
-            raise InputError(f"{where}: {name}: decimals must be a whole number from 0 to 9, not {measure.decimals!r}")
-        if measure.better not in BETTER:
-            raise InputError(f"{where}: {name}: better must be one of {', '.join(BETTER)}, not {measure.better!r}")
-        if not callable(measure.of):
-            raise InputError(f"{where}: {name}: of must be a function of a movement")
-    if len({measure.name for measure in measures}) < len(measures):
-        raise InputError(f"{where}: two measures have the same name")
-    return tuple(measures)
-
-
-def metrics_in(file: str, text: str) -> tuple[Metric, ...]:
-    """The measures of a file, as the shipped ones are. InputError, one sentence, if it declares none that can be."""
+def metrics_in(own: OwnFile) -> tuple[Metric, ...]:
+    """The measures of a file, as the shipped ones are. InputError, one sentence, if one cannot be."""
+    for measure in measures_in(own):
+        if measure.name in TAKEN:
+            raise InputError(
+                f"{own.name}.py: {measure.name} is a column that tables have already: give the measure another name"
+            )
     return tuple(
         Metric(
-            own.name, own.unit, own.title, own.title, own.meaning or own.title, InFile(file, text, own.name),
-            shown_unit=own.unit, decimals=own.decimals, figure=f"file_own_{own.name}", compared=True, better=own.better,
+            of.name, of.unit, of.title, of.title, of.meaning or of.title, InFile(own.name, own.text, of.name),
+            shown_unit=of.unit, decimals=of.decimals, figure=f"file_own_{of.name}", compared=True, better=of.better,
         )
-        for own in _declared(file, text)
+        for of in measures_in(own)
     )  # fmt: skip
 
 
 def own_metrics(protocol: Protocol) -> tuple[Metric, ...]:
     """The measures of a protocol's own file. InputError as `metrics_in`."""
-    return metrics_in(protocol.measure.removesuffix(".py"), protocol.code[protocol.measure]) if protocol.measure else ()
+    return metrics_in(protocol.code[protocol.measure]) if protocol.measure else ()
 
 
 def recorded_metrics(about: Mapping[str, Any]) -> tuple[Metric, ...]:
@@ -122,6 +104,26 @@ def recorded_metrics(about: Mapping[str, Any]) -> tuple[Metric, ...]:
     kept = about.get("measure")
     if kept is None:
         return ()
-    if not isinstance(kept, Mapping) or not all(isinstance(kept.get(key), str) for key in ("name", "text")):
-        raise InputError("the metadata's measure must be a table with a name and a text")
-    return metrics_in(kept["name"], kept["text"])
+    if not isinstance(kept, Mapping) or not all(isinstance(kept.get(key), str) for key in OwnFile._fields):
+        raise InputError("the metadata's measure must be a table with a name, a text and what it declares")
+    return metrics_in(OwnFile(kept["name"], kept["text"], kept["declared"]))
+
+
+def runnable_metrics(about: Mapping[str, Any]) -> tuple[Metric, ...]:
+    """The same, to be measured. NotAllowed: their file came out of a session's folder and may not run."""
+    metrics = recorded_metrics(about)
+    for metric in metrics[:1]:
+        assert isinstance(metric.of, InFile)
+        refuse_unallowed(f"{metric.of.file}.py", metric.of.text)
+    return metrics
+
+
+def why_not_run(about: Mapping[str, Any]) -> str:
+    """Why the measures that a recording names may not be measured here; "": they may, or there are none."""
+    try:
+        runnable_metrics(about)
+    except NotAllowed as refusal:
+        return str(refusal)
+    except InputError:  # said when they are measured
+        return ""
+    return ""

@@ -27,7 +27,7 @@ from core.own_files import NAME
 from core.path import Path as PathAhead
 from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
-from experiments.analysis.own_measures import recorded_metrics
+from experiments.analysis.own_measures import runnable_metrics
 from experiments.atomic_files import reason_of, replace_file, write_new_file
 from experiments.protocol import label
 
@@ -368,12 +368,12 @@ def measure(
 ) -> tuple[dict[str, float], dict[str, str]]:
     """The measures of a trial that have a value, and why some of one's own file gave none, by name.
 
-    own: of a file of one's own, None: that the recording names.
+    own: of a file of one's own, None: that the recording names, if it may run.
     """
     failed: dict[str, str] = {}
     if own is None:
         try:
-            own = recorded_metrics(recording.metadata)
+            own = runnable_metrics(recording.metadata)
         except InputError as error:  # as where a library is missing that the file needs
             own, failed = (), {"measure": str(error)}
     found = trial_metrics(recording, path, (*metrics, *own), failed)

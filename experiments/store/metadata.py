@@ -5,7 +5,7 @@ import platform
 from typing import Any
 
 from core.control.controllers import ALGORITHMS, PARAMETERS, Preset
-from core.control.own_file import OwnFile
+from core.own_files import OwnFile
 from experiments.trial.population import Operators
 
 LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
@@ -14,7 +14,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "pyarrow")
 def preset_to_json(preset: Preset) -> dict[str, Any]:
     """A controller as plain words and numbers."""
     if preset.own is not None:
-        own = {"sha256": preset.own.digest, "text": preset.own.text}
+        own = {"sha256": preset.own.digest, "text": preset.own.text, "declared": preset.own.declared}
         return {"name": preset.name, "kind": preset.kind, "own": own, "parameters": list(preset.named.items())}
     return {"name": preset.name, "kind": preset.kind, **{name: preset.value(name) for name in PARAMETERS}}
 
@@ -23,7 +23,7 @@ def preset_from_json(about: dict[str, Any]) -> Preset:
     """A controller as a recording has it. KeyError if something is missing. No file of its own is run for it."""
     if "own" in about:
         values = {name: float(value) for name, value in about["parameters"]}
-        own = OwnFile(about["kind"].removesuffix(".py"), about["own"]["text"], tuple(values))
+        own = OwnFile(about["kind"].removesuffix(".py"), about["own"]["text"], about["own"]["declared"])
         return Preset(about["name"], about["kind"], tuple(values.values()), own)
     names = [parameter.name for parameter in ALGORITHMS[about["kind"]].parameters]
     return Preset(about["name"], about["kind"], tuple(float(about[name]) for name in names))

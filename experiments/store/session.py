@@ -5,7 +5,6 @@ ended. One live process may write in a session.
 """
 
 import contextlib
-import hashlib
 import sys
 import uuid
 from collections.abc import Callable, Mapping
@@ -14,8 +13,9 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from core.control.controllers import Preset, decision_words
+from core.control.controllers import Preset, decision_words, refuse_uncompilable
 from core.files import InputError
+from core.own_consent import refuse_unallowed
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis import steering
 from experiments.analysis.own_measures import own_metrics
@@ -86,6 +86,7 @@ class Session:
             who = who._replace(hand=OPERATOR)
         protocol.refuse_unknown_low_gain()
         own_metrics(protocol)  # InputError: its own measures cannot be used
+        refuse_uncompilable(protocol.controllers.values())
         protocol.refuse_answers(who.form)
         is_blind = (protocol.blind and who.operator is None) if blind is None else blind
         plan = make_plan(protocol, who.label, is_blind)
@@ -145,6 +146,9 @@ class Session:
         session = cls.__new__(cls)
         operator = stored_person(folder, stored)
         refuse_without_consent(folder, stored.protocol, stored.about)
+        for name, own in stored.protocol.code.items():
+            refuse_unallowed(f"{folder}: {name}", own.text)
+        refuse_uncompilable(stored.protocol.controllers.values())
         with reading_stored(folder / DATABASE):
             who = Participant(participant, stored.about["hand"], operator, operators_from_json(stored.about))
             session._init_common(data_dir, who, stored.protocol, sync, on_event)
@@ -530,7 +534,6 @@ class Session:
         if trial.device.command_unit != "A":
             about["command_unit"] = trial.device.command_unit
         if name := self.protocol.measure:
-            text = self.protocol.code[name]
-            digest = hashlib.sha256(text.encode()).hexdigest()
-            about["measure"] = {"name": name.removesuffix(".py"), "sha256": digest, "text": text}
+            own = self.protocol.code[name]
+            about["measure"] = own._asdict() | {"sha256": own.digest}
         return about if self.blind else about | {"preset": preset_to_json(preset)}

@@ -6,6 +6,7 @@ rows in DIR, and those that differ are named.
 """
 
 import shutil
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.charts import boxes, disambiguate_codes
 from experiments.analysis.findings import why_no_findings
 from experiments.analysis.metrics import DRAWN, Metric
-from experiments.analysis.own_measures import recorded_metrics
+from experiments.analysis.own_measures import recorded_metrics, why_not_run
 from experiments.analysis.report import side_by_side, write_report
 from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import (
@@ -33,6 +34,7 @@ from experiments.analysis.trials_table import (
 from experiments.atomic_files import first_free, make_empty_folder, reading_stored, write_new_file
 from experiments.inputs import is_person
 from experiments.numbers import percent, significant
+from experiments.plan import counted
 from experiments.progress import Progress, no_progress
 from experiments.store.blind import unblinded
 from experiments.store.database import Database
@@ -45,6 +47,7 @@ from experiments.store.files import (
     recordings_in,
     refuse_no_folder,
     relative_to,
+    rows_of,
     sessions_in,
 )
 from experiments.store.journal import (
@@ -74,6 +77,7 @@ class Found:
     own: dict[str, Metric] = field(default_factory=dict)  # measures of the protocols' own files, by name
     simulated: bool = False  # simulated operators moved the handle, in some trials at least
     keys: dict[str, dict[str, int]] = field(default_factory=dict)  # participant -> key that was opened here
+    kept: Counter[str] = field(default_factory=Counter)  # why measures are those of the session's row -> trials
     doubts: list[str] = field(default_factory=list)  # faults of the journals, a sentence each
 
     @property
@@ -132,8 +136,9 @@ def analyze(
                 found.left_out.append(relative_to(folder, str(error)))
                 continue
             rows: list[TrialRow] = []
+            stored = {row.run: row for row in rows_of(session)}
             for path in paths:
-                rows += read_one(path, folder, out, journal, found)
+                rows += read_one(path, folder, out, (journal, stored), found)
                 done += 1
                 progress(done / recordings)
             rows += rows_without_recording(session, journal)
@@ -150,8 +155,16 @@ def analyze(
         "coded": found.coded,
         "left_out": found.left_out,
         "changed": changed_boxes(folder, found, timeouts),
-        "warnings": [*lost_recordings(there.folders), *found.doubts, *warned],
+        "warnings": [*lost_recordings(there.folders), *found.doubts, *_kept_measures(found), *warned],
     }
+
+
+def _kept_measures(found: Found) -> list[str]:
+    """A sentence for each file of measures that was not run."""
+    return [
+        f"{why}: its measures are those that were recorded with the session, in {counted(trials, 'trial')}"
+        for why, trials in found.kept.items()
+    ]
 
 
 def _remove_results(out: Path) -> None:
@@ -188,15 +201,26 @@ def open_key(session: Path, journal: JournalSummary, who: str, out: Path, found:
     return replace(journal, key=stored.key)
 
 
-def read_one(path: Path, folder: Path, out: Path, journal: JournalSummary, found: Found) -> list[TrialRow]:
-    """The row of a recording, or none; what its figures and report are to name goes into `found`."""
+def read_one(
+    path: Path, folder: Path, out: Path, said: tuple[JournalSummary, Mapping[int, TrialRow]], found: Found
+) -> list[TrialRow]:
+    """The row of a recording, or none; what its figures and report are to name goes into `found`.
+
+    said: the journal of its session, and its rows by run: they have the measures of a file that may not run here.
+    """
+    journal, stored = said
     recording = read_recording(path)
     if not recording.whole:
         found.left_out.append(f"{path.relative_to(folder)} ({recording.faults})")
         return []
     about = recording.metadata
     try:
-        row = journal.row(row_of(recording, out))
+        row = row_of(recording, out)
+        if why := why_not_run(about):
+            own = stored[row.run].own if row.run in stored else {}
+            row = replace(row, measures={**row.measures, **own}, failed={})
+            found.kept[why] += 1
+        row = journal.row(row)
         with reading_stored(path):
             operators = operators_from_json(about)
             preset = preset_from_json(about["preset"]) if "preset" in about else None

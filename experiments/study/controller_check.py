@@ -11,9 +11,9 @@ import numpy as np
 
 from core import tick_log
 from core.control.controllers import Preset, make_preset
-from core.control.own_file import OwnFile
 from core.files import InputError
 from core.mechanism import JOINTS
+from core.own_files import OwnFile
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, load_protocol
 from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from core import tick_log
+from core.control.controllers import refuse_uncompilable
 from core.files import InputError
 from core.tick_log import TICK_S
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
@@ -58,6 +59,7 @@ def run_study(
     out = Path(out)
     refuse_too_many(out, operators, protocol)
     own_metrics(protocol)  # InputError: its own measures cannot be used
+    refuse_uncompilable(protocol.controllers.values())
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     load_kernels()  # no clock runs while they are compiled
     with helpers(operators) as workers, hold_lock(out):

@@ -204,7 +204,7 @@ def load_sweep(name_or_path: str | Path) -> Work[SweepCell]:
     texts = {"sweep": text, f"protocol {protocol.name}": protocol.text, **device_texts(protocol.devices)}
     texts |= {f"population {population.name}": population.text for population in populations}
     texts |= {f"file {preset.kind}": preset.own.text for preset in presets if preset.own}
-    texts |= {f"file {name}": code for name, code in protocol.code.items()}
+    texts |= {f"file {name}": own.text for name, own in protocol.code.items()}
     return Work("sweep", file.name, texts, columns, jobs)
 
 

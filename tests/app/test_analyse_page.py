@@ -10,7 +10,7 @@ import fake_client
 import held_export
 import numpy as np
 import pytest
-from own_files import MEASURE
+from own_files import MEASURE, measures_of
 from page_driver import PageDriver
 from protocols import short
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
@@ -97,7 +97,7 @@ def ringed(plot: ChartPlot) -> list[tuple[float, float]]:
 def test_measures_of_ones_own_are_chosen_by_chips_and_go_into_the_export(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     trials = as_table(with_measures(row, late_error_mm=-1.0 * row.run) for row in shown_in(page))
-    own = metrics_in("my_measure", MEASURE)
+    own = metrics_in(measures_of("my_measure", MEASURE))
     page._show_results(page.results._replace(trials=trials, own=own))
     assert page.measures.chosen == {"path_error_m", "mean_tip_force_N", "acceleration_dft_sum", "late_error_mm"}
     QTest.mouseClick(page.measures.chips["acceleration_dft_sum"], Qt.MouseButton.LeftButton)

@@ -306,6 +306,20 @@ def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(sho
     assert shown.sent[-1] == m.Open("01", resume=True)
 
 
+def test_code_out_of_a_sessions_folder_is_asked_about_before_the_session_goes_on(shown: Shown, monkeypatch) -> None:
+    page, folder, allowed = shown.page, shown.setup.data_dir, []
+    monkeypatch.setattr("app.window.widgets.own_code.unallowed_code", lambda folder: {"odd.py (SHA-256 123)": "text"})
+    monkeypatch.setattr("app.window.widgets.own_code.allow_code", allowed.extend)
+    shown.look(session(folder, "01", 14))
+    shown.type(page.participant, "01")
+    for place, sent in ((0, []), (1, [m.Open("01", resume=True)])):
+        shown.click(page.start)
+        assert page.cards.question is not None and not shown.sent
+        page.cards.question.buttons[place].click()
+        assert shown.sent == sent
+    assert allowed == ["text"]
+
+
 def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_one(shown: Shown) -> None:
     page, folder = shown.page, shown.setup.data_dir
     (folder / "sub-01" / "ses-01").mkdir(parents=True)

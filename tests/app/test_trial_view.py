@@ -248,3 +248,21 @@ def test_a_recording_plays_on_the_device_of_its_session_and_nothing_to_play_is_o
         TrialWindow(recorded(tmp_path / "empty", rows[:0]))
     with pytest.raises(InputError):
         TrialWindow(tmp_path / "missing.parquet")
+
+
+def test_code_out_of_the_folder_is_asked_about_before_a_replay_runs_it(qtbot, window, view, monkeypatch) -> None:
+    asked, allowed, run = {"odd.py (SHA-256 123)": "text"}, [], []
+    monkeypatch.setattr("app.window.widgets.own_code.unallowed_code", lambda folder: asked)
+    monkeypatch.setattr("app.window.widgets.own_code.allow_code", allowed.extend)
+    monkeypatch.setattr(view.replay, "begin", lambda *arguments: run.append(arguments[0]))
+    view.compare(2)
+    no, yes = view.cards.question.buttons
+    assert "odd.py" in view.cards.question.text.text() and not run
+    no.click()
+    assert not run and not allowed and view.cards.question is None
+    view.compare(2)
+    view.cards.question.buttons[1].click()
+    assert run == ["replay"] and allowed == ["text"]
+    asked.clear()
+    view.compare(2)
+    assert run == ["replay", "replay"] and view.cards.question is None

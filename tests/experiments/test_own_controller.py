@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exports import rows as csv_rows
-from own_files import DAMPER, FREE, PROTOCOL, own_experiment
+from own_files import DAMPER, FREE, PROTOCOL, controller_of, own_experiment
 from protocols import protocol_of
 
 from core import tick_log
 from core.control import sdof
 from core.control.controllers import CODED, DECISIONS, Preset, make_controller, make_preset
-from core.control.own_file import read_own
 from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
@@ -55,7 +54,7 @@ def ticks(preset: Preset) -> np.ndarray:
 
 
 def test_the_file_of_a_shipped_controller_decides_to_the_last_bit_as_the_shipped_one():
-    own = make_preset("Mine", "mine.py", {"gap_m": 0.003}, read_own("mine", SHIPPED))
+    own = make_preset("Mine", "mine.py", {"gap_m": 0.003}, controller_of("mine", SHIPPED))
     shipped, other = ticks(make_preset("SDOF", "sdof", {"gap_m": 0.003})), ticks(own)
     words = [np.array(preset.decisions, dtype=object)[rows[:, tick_log.DECISION].astype(int)]
              for preset, rows in ((make_preset("SDOF", "sdof", {}), shipped), (own, other))]  # fmt: skip
@@ -149,7 +148,7 @@ WILD = """
 
 def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_without_current():
     head, body = DAMPER.replace("from core.k", "import math\n\nfrom core.k", 1).split('speed."""\n')
-    own = read_own("wild", f'{head}speed."""{WILD}{body}')
+    own = controller_of("wild", f'{head}speed."""{WILD}{body}')
     found = check_controller(own, {"damping_N_s_m": 0.0})
     assert not found["broken"] and found["trials"] == 8
     for which in range(1, 6):
@@ -181,7 +180,7 @@ def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_
 ])  # fmt: skip
 def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str):
     with pytest.raises(InputError, match=wanted) as refused:
-        make_controller(make_preset("Damper", "damper.py", {}, read_own("damper", text)), 30.0)
+        make_controller(make_preset("Damper", "damper.py", {}, controller_of("damper", text)), 30.0)
     assert "\n" not in str(refused.value)
 
 

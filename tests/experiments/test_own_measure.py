@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from own_files import FREE, MEASURE, PROTOCOL, own_experiment
+from own_files import FREE, MEASURE, PROTOCOL, measures_of, own_experiment
 from refusals import refusal
 
 import phd
@@ -153,7 +153,7 @@ def test_names_of_columns_are_taken():
 ])  # fmt: skip
 def test_a_file_that_declares_no_measures_is_refused_in_a_sentence(text: str, wanted: str):
     with pytest.raises(InputError, match=wanted) as refused:
-        metrics_in("my_measure", text)
+        metrics_in(measures_of("my_measure", text))
     assert "\n" not in str(refused.value)
 
 
@@ -170,7 +170,7 @@ def test_an_answer_that_is_no_finite_number_is_said(study, answer: str, wanted: 
     text = f"{MEASURE}\nMEASURES = (Measure('a', 'A', '', lambda m: {answer}),)\n"
     recording = read_recording(study.out / read_rows(study.out / "trials.csv")[0].recording)
     path = build_path(path_from(recording.metadata["path"], "path"), "path")
-    measured, failed = measure(recording, path, (), metrics_in("odd", text))
+    measured, failed = measure(recording, path, (), metrics_in(measures_of("odd", text)))
     assert re.search(wanted, failed.get("a", "")) and (measured == {}) == bool(wanted)
     assert wanted or (measured == {"a": 0.5} and isinstance(measured["a"], float) and not failed)
 

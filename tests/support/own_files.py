@@ -1,6 +1,12 @@
 """Files of one's own beside a protocol: a small controller, the shipped example of measures, and their protocol."""
 
+import json
 from pathlib import Path
+
+from core.control.own_file import read_own
+from core.own_consent import allow
+from core.own_files import OwnFile
+from experiments.own_measure import declared_measures
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURE = (ROOT / "docs/examples/protocols/my_measure.py").read_text(encoding="utf-8")
@@ -66,3 +72,15 @@ def own_experiment(folder: Path, text: str = PROTOCOL + FREE, **files: str) -> P
         (folder / f"{name}.py").write_text(code, encoding="utf-8")
     (folder / "mine.toml").write_text(text, encoding="utf-8")
     return folder / "mine.toml"
+
+
+def controller_of(name: str, text: str) -> OwnFile:
+    """A controller that may run."""
+    allow(text)
+    return read_own(name, text)
+
+
+def measures_of(name: str, text: str) -> OwnFile:
+    """A file of measures that may run."""
+    allow(text)
+    return OwnFile(name, text, json.dumps(declared_measures(name, text)))

@@ -173,7 +173,9 @@ class AnalysePage(Page):
 
     def to_close(self) -> Callable[[], object] | None:
         """What is asked, else the trial beside the charts."""
-        return self.cards.to_close() or (self.close_trial if self.side.isVisible() else None)
+        return (
+            self.cards.to_close() or self.side.cards.to_close() or (self.close_trial if self.side.isVisible() else None)
+        )
 
     def keys(self) -> dict[str, Callable[[], object]]:
         of_trial = {"start": self.side.play_or_pause, "exclude": self.exclude} if self.side.isVisible() else {}

@@ -21,7 +21,9 @@ from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
 from app.window.widgets import theme
+from app.window.widgets.cards import Cards
 from app.window.widgets.garbage import Collector
+from app.window.widgets.own_code import ask_own_code
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import NOTHING, start_of_hold
 from app.window.widgets.theme import COLOURS, colour_of, show_fitted
@@ -101,6 +103,7 @@ class TrialView(Panel):
         self.play_button.setToolTip("; ".join(f"{key}: {does}" for key, (does, _) in self.keys().items()))
         self.beside.setToolTip("The recorded hand, simulated through another controller")
         self.beside.activated.connect(lambda _: self.compare(self.beside.value()))
+        self.cards = Cards(self)
         self.replay, self._reading = VerbProcess(self._replayed), BackgroundTask(self._show_beside)
         self._folder: tempfile.TemporaryDirectory | None = None  # of the replayed ticks, there as long as it is held
         self._table = Path()  # these
@@ -271,8 +274,15 @@ class TrialView(Panel):
         """Show the hand through this controller of the protocol beside the trial; 0: nothing."""
         self._forget_replay()
         self._show_beside(None)
-        self.note_that("The recorded hand is being simulated …" if controller else "")
+        self.cards.leave()
+        self.note_that("")
         if controller and self.trial is not None:
+            session = self.trial.path.absolute().parent.parent
+            ask_own_code(self.cards, self, session, lambda: self._begin_replay(controller))
+
+    def _begin_replay(self, controller: int) -> None:
+        self.note_that("The recorded hand is being simulated …")
+        if self.trial is not None:
             self._folder = tempfile.TemporaryDirectory(prefix="phd-replay-")
             self._table = Path(self._folder.name) / "ticks.csv"
             asked = ("--controller", str(controller), "--out", str(self._table), "--json")

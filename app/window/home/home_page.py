@@ -34,6 +34,7 @@ from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.fields import Tick
+from app.window.widgets.own_code import ask_own_code
 from app.window.widgets.page import RUN, Page
 from app.window.widgets.parts import (
     NO_FOCUS,
@@ -63,6 +64,7 @@ from core.device import shipped_devices
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
 from experiments.protocol import shipped_protocols
+from experiments.store.files import session_folder
 
 LINE_PX = 32  # high, a line of the form at most
 PLAN_PX = 84  # high, the plan at least
@@ -93,7 +95,7 @@ class HomePage(Page):
         self.data.folder_chosen.connect(
             lambda folder: self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
         )
-        self.data.resume_asked.connect(lambda participant: self._ask(m.Open(participant, resume=True)))
+        self.data.resume_asked.connect(self._resume)
         self.consent.answered.connect(self.answer_consent)
         self.data.looked.connect(self._looked)
         self.editor.saved.connect(self.take_protocol)
@@ -412,12 +414,17 @@ class HomePage(Page):
         elif self.start.isEnabled():
             wanted = self._wanted()
             if wanted.found is not None:
-                self._ask(m.Open(wanted.participant, resume=True))
+                self._resume(wanted.participant)
             elif wanted.consent_due:
                 self._ask_consent()
             else:
                 consent = (True, self._agreed[wanted.participant]) if wanted.agreed else None
                 self._ask(m.Open(wanted.participant, False, self.blind.isChecked(), self.form.answers(), consent))
+
+    def _resume(self, participant: str) -> None:
+        """Go on with a session; code that it holds runs then."""
+        folder = session_folder(self.chosen.data_dir, participant)
+        ask_own_code(self.cards, self, folder, lambda: self._ask(m.Open(participant, resume=True)))
 
     def _ask(self, command: m.Open) -> None:
         """Open a session, by the session server that was chosen."""
