@@ -5,10 +5,12 @@ program declares now.
 """
 
 import argparse
+import inspect
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import phd
 from app.cli import make_parser
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
@@ -46,7 +48,26 @@ def verbs() -> str:
     return table(("verb", "does", "example"), rows)
 
 
-PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures, "verbs": verbs}
+def python() -> str:
+    """The door for Python: each name, how it is called, and its docstring."""
+    parts = []
+    for name in phd.__all__:
+        found = getattr(phd, name)
+        if found.__module__ == phd.__name__:
+            text = inspect.cleandoc(found.__doc__)
+            parts.append(f"### {name}\n\n```python\n{call_of(found)}\n```\n\n{text}\n")
+    others = [name for name in phd.__all__ if getattr(phd, name).__module__ != phd.__name__]
+    rows = [(f"`{name}`", inspect.cleandoc(getattr(phd, name).__doc__).splitlines()[0]) for name in others]
+    return "\n".join(parts) + "\n### Others\n\n" + table(("name", "what"), rows)
+
+
+def call_of(found: Callable) -> str:
+    """How a function is called, without types."""
+    given = inspect.signature(found).parameters.values()
+    return f"phd.{found.__name__}({', '.join(str(one.replace(annotation=one.empty)) for one in given)})"
+
+
+PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures, "verbs": verbs, "python": python}
 
 
 def generated(page: str) -> str:
