@@ -64,7 +64,8 @@ def python() -> str:
 def call_of(found: Callable) -> str:
     """How a function is called, without types."""
     given = inspect.signature(found).parameters.values()
-    return f"phd.{found.__name__}({', '.join(str(one.replace(annotation=one.empty)) for one in given)})"
+    words = ", ".join(str(one.replace(annotation=one.empty)) for one in given).replace("'", '"')
+    return f"phd.{found.__name__}({words})"
 
 
 PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures, "verbs": verbs, "python": python}
