@@ -84,3 +84,8 @@ def test_every_relative_link_leads_to_a_file() -> None:
         if not (page.parent / target).exists()
     }
     assert len(pages) > 10 and not missing
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    paper, listed = ((ROOT / name).read_text("utf-8") for name in ("paper.md", "paper.bib"))
+    assert set(re.findall(r"@(\w+)\]", paper)) == set(re.findall(r"^@\w+\{(\w+),", listed, re.M))
