@@ -38,14 +38,9 @@ def measures() -> str:
 
 
 def verbs() -> str:
-    """What `phd --help` says of each verb, and the first example of its own help."""
-    (choices,) = [action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction)]
-    summaries = {choice.dest: choice.help for choice in choices._choices_actions}
-    rows = []
-    for name, verb in choices.choices.items():
-        example = str(verb.epilog).split("\n")[1].strip()
-        rows.append((f"`phd {name}`", str(summaries[name]), f"`{example}`"))
-    return table(("verb", "does", "example"), rows)
+    """What `phd --help` says of each verb."""
+    (verb,) = [action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction)]
+    return table(("verb", "does"), [(f"`phd {one.dest}`", str(one.help)) for one in verb._choices_actions])
 
 
 def python() -> str:

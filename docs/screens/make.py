@@ -5,7 +5,6 @@ The real app on a live bench: two sessions of the paper's protocol, whose pointe
 of a study by simulated operators, an emulated board on the bench. Nothing on the pictures is painted for them.
 """
 
-import re
 import subprocess
 import sys
 import tempfile
@@ -24,21 +23,19 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.window.widgets import palette
 
-LIGHT = "light"
-palette.choose(LIGHT if sys.argv[1:] == [LIGHT] else "dark")
+palette.choose("dark")
 # ruff: noqa: E402  (the palette is chosen before the first window's modules)
 from app.window.canvas.linkage_view import DIRECTIONS
 from app.window.widgets import theme
 from app.window.widgets.garbage import Collector
-from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
+from app.window.widgets.page import ANALYSE, DEVICE, RUN, TRY
 from app.window.windows import Windows
 from core import tick_log
 from core.path import Path as Line
 from core.path import build_path, nearest, point_at
-from experiments.protocol import load_protocol
 
 HERE = Path(__file__).resolve().parent
-SMALL, LARGE = (1280, 720), (1920, 1080)
+SIZE = (1280, 720)
 SPEED_M_S, NEAR_M = 0.07, 0.0015  # how fast it likes to move; so near to the start it holds still
 PULL_M = 0.008  # further ahead on the way to the start
 LEAST_M, MOST_M, STEP_M = 0.002, 0.02, 0.0002  # the pointer's lead, which grows with each frame that is slower
@@ -48,7 +45,6 @@ SETTLED_S = 0.12  # after which a window has laid itself out at another size
 COLOURS, AS_THEY_ARE = 256, 64
 FILM, FILM_S = (960, 540), 0.1  # pixels; from frame to frame
 FRAME_S = 0.016
-HOLD_S = 3.0
 OPERATORS = 6
 
 
@@ -115,19 +111,14 @@ class MadeUpHand(QObject):
 
 
 def main() -> None:
-    """All pictures; with `light` as the argument those of the light palette."""
+    """All pictures."""
     application = QApplication(sys.argv[:1])
     Collector(application)
     theme.apply_theme(application)
     application.setQuitOnLastWindowClosed(False)
     with tempfile.TemporaryDirectory(prefix="phd-") as folder:
-        protocol = Path(folder) / "paper.toml"  # held for longer: there is time for two pictures
-        protocol.write_text(re.sub(r"(?m)^hold_s = .*", f"hold_s = {HOLD_S}", load_protocol().text), encoding="utf-8")
-        windows = Windows(Client(Setup(Path(folder) / "data", str(protocol))))
+        windows = Windows(Client(Setup(Path(folder) / "data")))
         try:
-            if sys.argv[1:] == [LIGHT]:
-                in_light(windows, MadeUpHand(windows, windows.client))
-                return
             hand = MadeUpHand(windows, windows.client)
             trials(windows, hand)
             study = Path(folder) / "study"
@@ -139,69 +130,35 @@ def main() -> None:
             write_pictures()
         on_the_bench(Path(folder) / "bench")
         write_pictures()
-    subprocess.run([sys.executable, __file__, LIGHT], check=True)
 
 
 def trials(windows: Windows, hand: MadeUpHand) -> None:
-    """Participant's view in each phase, the console with three brakes and with four, a pre-flight with red."""
-    main, participant, send = windows.main, windows.participant, windows.client.send
-    run = main.page(RUN)
-    begin(windows, "01")
-    view = participant.view
-    trial(windows, controller=2)
-    until(lambda: view.taken and hand.is_in(tick_log.APPROACH))
-    until(lambda: after(0.15))
-    shoot(participant, "participant-approach")
-    until(lambda: hand.is_in(tick_log.HOLD) and view.held > 0.3)
-    shoot(participant, "participant-hold")
-    until(lambda: hand.progress > 0.55)
-    shoot(participant, "participant-move")
-    until(lambda: main.snapshot.stage == m.READY)
-    until(lambda: after(0.2))
-    shoot(participant, "participant-end")
-    send(m.Pause(True))
-    until(lambda: main.snapshot.paused)
-    shoot(participant, "participant-break")
-    send(m.Pause(False))
-    until(lambda: not main.snapshot.paused)
-    trial(windows, controller=4)
-    until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
-    shoot(main, "run-three-brake")
-    until(lambda: main.snapshot.stage == m.READY)
-    until(lambda: after(0.2))
-    shoot(main, "run-card")
-    windows.client.brakes_off("Esc was pressed in the main window")
-    until(lambda: bool(main.snapshot.brakes_off))
-    shoot(main, "run-red")
-    send(m.AllowBrakes())
-    send(m.Leave())
-    until(lambda: main.snapshot.stage == m.NO_SESSION)
+    """A movement as the participant and as the experimenter see it, and the card of a trial."""
+    main, send = windows.main, windows.client.send
     begin(windows, "02")  # who meets the four-brake device first
+    trial(windows, controller=2)
+    until(lambda: hand.progress > 0.55)
+    shoot(windows.participant, "participant")
+    until(lambda: main.snapshot.stage == m.READY)
+    run = main.page(RUN)
     assert run.workspace is not None
     run.workspace.buttons[DIRECTIONS].setChecked(True)
     trial(windows, controller=4)
     until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
-    shoot(main, "run-four-brake")
+    shoot(main, "run")
     until(lambda: main.snapshot.stage == m.READY)
+    until(lambda: after(0.2))
+    shoot(main, "card")
     send(m.Leave())
     until(lambda: main.snapshot.stage == m.NO_SESSION)
-
-
-def in_light(windows: Windows, hand: MadeUpHand) -> None:
-    """Run in the light palette."""
-    begin(windows, "01")
-    trial(windows, controller=4)
-    until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
-    shoot(windows.main, "run-light", (SMALL,))
-    until(lambda: windows.main.snapshot.stage == m.READY)
 
 
 def begin(windows: Windows, participant: str) -> None:
     """Both windows, and a session of this participant."""
     main = windows.main
-    main.resize(*SMALL)
+    main.resize(*SIZE)
     windows.show()
-    windows.participant.setGeometry(0, 0, *SMALL)
+    windows.participant.setGeometry(0, 0, *SIZE)
     windows.participant.show()
     until(lambda: main.snapshot.stage == m.NO_SESSION)
     windows.client.send(m.Open(participant))
@@ -209,11 +166,8 @@ def begin(windows: Windows, participant: str) -> None:
 
 
 def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
-    """Home, Try in a pass, and Analyse on all participants of a study with one trial opened."""
+    """Try, pass after pass, and Analyse on all participants of a study."""
     main = windows.main
-    main.show_page(HOME)
-    until(lambda: after(1.0))
-    shoot(main, "home")
     main.show_page(TRY)
     for controller in (1, 4, 2):
         until(lambda: main.snapshot.sandbox is not None)
@@ -227,8 +181,6 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
             film(main, "try", lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
         elif controller != 2:  # a line of the table
             until(lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
-    until(lambda: hand.progress > 0.6)
-    shoot(main, "try")
     main.show_page(ANALYSE, study)
     until(lambda: after(4.0))
     shoot(main, "analyse")
@@ -248,7 +200,7 @@ def on_the_bench(data: Path) -> None:
         until(lambda: main.snapshot.stage == m.RERIG)
         main.show_page(DEVICE)
         until(lambda: after(6.0))  # the clock model has its drift
-        shoot(main, "device", (SMALL,))
+        shoot(main, "device")
     finally:
         windows.close()
         board.terminate()
@@ -298,13 +250,11 @@ def until(done: Callable[[], bool]) -> None:
         application.exec()
 
 
-def shoot(window: QWidget, name: str, sizes: tuple[tuple[int, int], ...] = (SMALL, LARGE)) -> None:
-    """Take a picture at each size; it is written at the end, for that takes longer than a trial."""
-    for width, height in sizes:
-        window.resize(width, height)
-        until(lambda: after(SETTLED_S))
-        taken.append((f"{name}-{width}x{height}.png", window.grab().toImage()))
-    window.resize(*SMALL)
+def shoot(window: QWidget, name: str) -> None:
+    """Take a picture; it is written at the end, for that takes longer than a trial."""
+    window.resize(*SIZE)
+    until(lambda: after(SETTLED_S))
+    taken.append((f"{name}.png", window.grab().toImage()))
 
 
 def film(window: QWidget, name: str, ended: Callable[[], bool]) -> None:
