@@ -5,6 +5,7 @@ the newest `Snapshot` are all of it. The session server gives jobs to the contro
 """
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:  # else each process imports all of this before it can start t
     from experiments.trial.trial import Trial, TrialState
 
 Point = tuple[float, float]  # m
+
+MAX_HOMING_M = 0.002  # from the pose that is known to that of the jig, without a question. Our choice
 
 # ------------------------------------------------------------------------------- from the window to its session server
 
@@ -118,9 +121,10 @@ class Confirm(NamedTuple):
 
 
 class PrepareDevice(NamedTuple):
-    """Do a step that makes the device on the bench ready, between two trials."""
+    """Do a step that makes the device on the bench ready, between two trials or before a session."""
 
     step: str  # CONNECT, HOME, ZERO
+    sure: bool = False  # home, although the encoders have the handle elsewhere
 
 
 class Unblind(NamedTuple):
@@ -484,6 +488,16 @@ class DeviceStatus(NamedTuple):
     homed_at: float = 0.0  # s since 1970, when it was last homed by this loop; 0: never
     zeroed_at: float = 0.0
     reported_s: float = 0.0  # monotonic clock
+
+    def wrong_jig(self, jig: Point) -> str:
+        """Why homing with the handle held at `jig` (m) is to be asked about, a sentence; "": it is not.
+
+        Encoders that are homed already must have the handle there, or the jig is a wrong one, or it does not hold it.
+        """
+        off_m = math.dist(self.tip, jig)
+        if not self.homed or off_m <= MAX_HOMING_M:
+            return ""
+        return f"By the encoders, which are homed already, the handle is {1e3 * off_m:.1f} mm from its jig."
 
 
 class ConnectEnded(NamedTuple):

@@ -74,6 +74,8 @@ def _open(state: ServerState, command: m.Open) -> None:
     except BaseException:
         session.close()
         raise
+    if isinstance(state.device, RealSetup):
+        state.device.write_ready(state.storage.write)
     left, whole = len(session.plan) - session.finished_count, len(session.plan)
     if not left:
         notice = [f"Participant {name}: all {counted(whole, 'trial')} are done."]
@@ -187,9 +189,9 @@ def _end_step(state: ServerState, command: m.Confirm | m.Answers) -> None:
 def _prepare_device(state: ServerState, command: m.PrepareDevice) -> None:
     if not isinstance(state.device, RealSetup):
         raise InputError("The device is simulated: there is nothing to make ready.")
-    if state.storage.open.coming is None:
+    if (progress := state.storage.progress) is not None and progress.coming is None:
         raise InputError(m.NOT_NOW[m.FINISHED])
-    state.device.do(state.storage.open, command.step)
+    state.device.do(progress, command.step, command.sure)
 
 
 def _unblind(state: ServerState, command: m.Unblind) -> None:
@@ -227,6 +229,6 @@ COMMANDS = {
     m.AllowBrakes: CommandRule(_allow, session=False),
     m.Confirm: CommandRule(_end_step, ended_by(m.Confirm), waits="the journal is written"),
     m.Answers: CommandRule(_end_step, ended_by(m.Answers), waits="the answers are written"),
-    m.PrepareDevice: CommandRule(_prepare_device, IDLE),
+    m.PrepareDevice: CommandRule(_prepare_device, (m.NO_SESSION, *IDLE), session=False),
     m.Unblind: CommandRule(_unblind, IDLE, stored=True, waits="the journal is written"),
 }

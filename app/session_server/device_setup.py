@@ -6,6 +6,7 @@ reports how it is; a person's hand moves it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -109,8 +110,9 @@ class RealSetup:
     def __init__(self, protocol: Protocol, send: Callable[[m.LoopJob], None]) -> None:
         """protocol: whose devices are looked for at first. send: a job to the loop."""
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
-        self._send, self._connect = send, m.Connect(tuple(protocol.devices))
-        self._home = home_of(protocol.devices[0], protocol.paths)
+        self._send, self._protocol, self._connect = send, protocol, m.Connect(tuple(protocol.devices))
+        self._homed: dict[str, Any] | None = None  # fields of HOMED, while that homing holds
+        self._zero: dict[str, Any] | None = None  # and of ZEROED
         self.reconnect()
 
     def reconnect(self) -> None:
@@ -152,22 +154,39 @@ class RealSetup:
         """The experimenter has confirmed the step: the loop does its part."""
         self.do(progress, self.step(self._device(progress)))
 
-    def do(self, progress: SessionProgress, step: str) -> None:
-        """Let the loop do a step, again if need be; nothing while one is being done."""
+    def do(self, progress: SessionProgress | None, step: str, sure: bool = False) -> None:
+        """Let the loop do a step, again if need be; nothing while one is being done. progress: None: no session.
+
+        InputError: the encoders are homed, have the handle elsewhere than in its jig, and nobody is `sure`.
+        """
         if not step or self.doing:
             return
-        device = self._device(progress)
-        if step == CONNECT:
-            self._connect = m.Connect((device,))
+        jig = self._jig(progress)
+        if step == HOME and not sure and (wrong := (self.status or DeviceStatus()).wrong_jig(jig)):
+            raise InputError(f"Not homed. {wrong} Put it into the right jig, and home the encoders again.")
+        if step == CONNECT and progress is not None:
+            self._connect = m.Connect((self._device(progress),))
         self.doing = step
-        place = home_of(device, progress.session.protocol.paths)
-        jobs: dict[str, m.LoopJob] = {CONNECT: self._connect, HOME: m.HomeAt(place), ZERO: m.TakeZero()}
+        jobs: dict[str, m.LoopJob] = {CONNECT: self._connect, HOME: m.HomeAt(jig), ZERO: m.TakeZero()}
         self._send(jobs[step])
 
     def _device(self, progress: SessionProgress) -> Device:
         """The device of the coming trial."""
         assert progress.coming is not None
         return progress.session.protocol.device(progress.coming.configuration)
+
+    def _jig(self, progress: SessionProgress | None) -> m.Point:
+        """Where the handle is held for homing, m: for the coming trial; before a session, of the connected device."""
+        if progress is not None and progress.coming is not None:
+            return home_of(self._device(progress), progress.session.protocol.paths)
+        devices, connected = self._protocol.devices, self.status.device if self.status else ""
+        return home_of(next((d for d in devices if d.name == connected), devices[0]), self._protocol.paths)
+
+    def write_ready(self, write: Write) -> None:
+        """Into the journal of a session that was opened: the homing and the zero that still hold."""
+        for event, about in ((HOMED, self._homed), (ZEROED, self._zero)):
+            if about is not None:
+                write(event, **about)
 
     def take_answers(self, answers: Sequence[m.LoopAnswer], write: Write, notify: Callable[..., None]) -> None:
         """Handle the loop's answers about the device. write: into the journal; notify: shows the experimenter a
@@ -179,10 +198,14 @@ class RealSetup:
             match answer:
                 case DeviceStatus():
                     self.status = answer
+                    self._homed = self._homed if answer.homed else None
+                    self._zero = self._zero if answer.zeroed else None
                 case m.HomeSet(tip):
-                    write(HOMED, tip_m=tip, board=self.status.board if self.status else "")
+                    self._homed = {"tip_m": tip, "board": self.status.board if self.status else ""}
+                    write(HOMED, **self._homed)
                 case m.Zeroed(record):
-                    write(ZEROED, **record._asdict())
+                    self._zero = record._asdict()
+                    write(ZEROED, **self._zero)
                 case m.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
@@ -199,7 +222,7 @@ class RealSetup:
 
     def tip(self, progress: SessionProgress | None, try_device: SimulatedDevice | None) -> m.Point:
         """Where the handle is, m, rounded so that a resting hand changes no snapshot; before homing the jig's place."""
-        x, y = self.status.tip if self.status and self.status.homed else self._home
+        x, y = self.status.tip if self.status and self.status.homed else self._jig(progress)
         return round(x, 3), round(y, 3)
 
     def begin(self, session: Session, planned: PlannedTrial) -> tuple[Trial, RecordingWriter]:
@@ -215,10 +238,7 @@ class RealSetup:
             (device for device in protocol.devices if self.status and device.name == self.status.device), None
         )
         if device is None or self.step(device) != DONE:
-            raise InputError(
-                "The device on the bench is not ready. Open a session: it guides you through homing and zeroing; "
-                "after that Try works without a session."
-            )
+            raise InputError("The device on the bench is not ready. The Device page (F3) says what comes next.")
         return device
 
     def _refuse_while_busy(self) -> None:

@@ -46,7 +46,12 @@ def check_real(status: DeviceStatus | None, why_off: str, connecting: bool = Fal
     if why_off or status.fault:
         return check_device(False, why_off or status.fault)
     if not status.homed:
-        return Check("Device", DUE, "not homed yet", "The session begins with homing the encoders.")
+        return Check(
+            "Device",
+            DUE,
+            "not homed yet",
+            "Home the encoders: the session or the Device page (F3) guides you.",
+        )
     return Check("Device", GOOD, f"{status.device}, board {status.board}")
 
 
@@ -58,7 +63,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
         advice = "Without it the controllers see motion alone, and a trapped hand is not released."
         return Check("Hand", CAUTION, "no force sensor", advice)
     if not status.zeroed:
-        return Check("Hand", DUE, "no zero yet", "The session zeroes the force sensor before its first trial.")
+        return Check("Hand", DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
     return Check("Hand", GOOD, "force sensor")
 
 

@@ -1,6 +1,7 @@
 """A session over a board in simulated time: the steps that make the device ready, and what comes between them."""
 
 import math
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ from simulated_loop import LocalWindow, local_window
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus, Setup
+from experiments.store.journal import HOMED, ZEROED, read_journal
 from experiments.store.reader import read_recording
 from hardware.emulated_board.device import HeldHand
 from hardware.wire.messages import State
@@ -73,10 +75,8 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     assert told.report["protocol"] == 1
     assert math.dist(window.snapshot.tip, (0.0, 0.4)) < 0.3, "the place of the handle is unknown: its jig is shown"
     assert len(told.counts) == len(told.encoders) == len(told.report["counts_per_rev"])
-    on_bench.send(m.PrepareDevice(m.HOME))  # without a session there is no journal to keep it
-    on_bench.until(lambda s: s.notice_bad and "session" in s.notice)
     on_bench.send(m.SetSandbox(), m.Start())
-    on_bench.until(lambda s: s.notice_bad and "Open a session" in s.notice)
+    on_bench.until(lambda s: s.notice_bad and "Device page" in s.notice)
     on_bench.send(m.EndSandbox())
     before = time.time()
     on_bench.open()
@@ -90,6 +90,41 @@ def test_the_steps_of_a_real_device_are_led_through_and_the_page_reads_how_it_is
     first = on_bench.status.zeroed_at
     on_bench.send(m.PrepareDevice(m.ZERO))
     on_bench.until(lambda: on_bench.status.zeroed_at > first)  # again, between two trials
+
+
+def test_before_a_session_the_device_can_be_homed_zeroed_and_tried_and_the_session_needs_no_step(on_bench) -> None:
+    window = on_bench.window
+    window.until_stage(m.NO_SESSION)
+    on_bench.until(lambda: on_bench.status.device)
+    for step, is_done in ((m.HOME, lambda: on_bench.status.homed), (m.ZERO, lambda: on_bench.status.zeroed)):
+        on_bench.send(m.PrepareDevice(step))
+        on_bench.until(is_done)
+    on_bench.send(m.SetSandbox(), m.Start())
+    on_bench.until(lambda s: s.sandbox and s.sandbox.passes)
+    on_bench.send(m.EndSandbox(), m.Open("01"))
+    assert window.until_stage(m.READY).card is None
+    events = [entry.event for entry in read_journal(Path(window.opened.folder)).entries]
+    assert HOMED in events and ZEROED in events, "the session's journal has both"
+
+
+def test_homing_in_a_wrong_jig_is_named_by_its_distance_and_done_only_by_somebody_who_is_sure(on_bench) -> None:
+    on_bench.open()
+    on_bench.zero()
+    board, before, jig = on_bench.board, on_bench.status.homed_at, on_bench.status.tip
+    with board.lock:
+        board.device.motion[0] += 0.0053  # the jig holds the handle so far beside the place
+        board.hand.obey({"target": list(board.device.tip)})
+    on_bench.until(lambda: math.dist(on_bench.status.tip, jig) > 0.005)
+    on_bench.send(m.PrepareDevice(m.HOME))
+    notice = on_bench.until(lambda s: s.notice_bad and s.notice).notice
+    (off_mm,) = re.findall(r"([\d.]+) mm from its jig", notice)
+    assert float(off_mm) == pytest.approx(5.3, abs=0.3) and on_bench.status.homed_at == before
+    on_bench.send(m.PrepareDevice(m.HOME, sure=True))
+    on_bench.until(lambda: on_bench.status.homed_at > before)
+    assert math.dist(on_bench.status.tip, jig) < 1e-3
+    again = on_bench.status.homed_at
+    on_bench.send(m.PrepareDevice(m.HOME))  # in its place: nothing is asked
+    on_bench.until(lambda: on_bench.status.homed_at > again)
 
 
 def test_a_board_that_is_connected_anew_is_made_ready_again(on_bench: OnBench) -> None:

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
-from page_driver import LEFT, PageDriver, texts
+from page_driver import PageDriver, texts
 from PySide6.QtCore import Qt
-from PySide6.QtTest import QTest
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
@@ -53,18 +52,11 @@ def test_of_a_simulated_device_one_sentence_is_shown_and_of_a_board_that_it_is_b
     assert SIMULATED in texts(page) and not page.bench.isVisible()
 
 
-def test_a_step_that_is_being_done_is_said_on_its_button_and_none_is_offered_meanwhile(page: DevicePage) -> None:
-    for button, step, says in zip(
-        page.steps.values(), (m.CONNECT, m.HOME, m.ZERO), ("Connecting …", "Homing …", "Zeroing …"), strict=True
-    ):
-        page.show_snapshot(ready(3, checks=WELL, step=step))
-        assert button.text() == says and not any(other.isEnabled() for other in page.steps.values())
-        page.show_snapshot(ready(3, checks=WELL))
-        assert button.text() != says and button.isEnabled()
-
-
 def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: DevicePage) -> None:
+    page.raw.click()
     shown = texts(page)
+    page.raw.click()
+    shown += texts(page)
     for what in (
         "four-brake", "B-7 is connected", "0.9.0, protocol 1", "Ready: no current", "A B: homed at",
         "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0   y 380.0 mm",
@@ -146,59 +138,17 @@ def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: Devi
     assert "contradict" in hear(4, 999, True)
 
 
-def test_a_step_is_taken_after_a_question_that_says_what_it_needs(bench: Bench, page: DevicePage) -> None:
-    for button, step, says in zip(
-        page.steps.values(), (m.CONNECT, m.HOME, m.ZERO), ("closed and made again", " mm", "Let go"), strict=True
-    ):
-        QTest.mouseClick(button, LEFT)
-        assert bench.sent == [] and says in page.cards.question.text.text()
-        assert page.cards.leave() and page.cards.question is None and not page.cards.leave()
-        QTest.mouseClick(button, LEFT)
-        QTest.mouseClick(page.cards.question.buttons[0], LEFT)
-        assert bench.sent == [m.PrepareDevice(step)] and page.cards.question is None
-        bench.sent.clear()
-
-
-def test_steps_are_for_the_time_between_two_trials_of_a_session(page: DevicePage) -> None:
-    for session, snapshot, says in (
-        ("", m.Snapshot(m.NO_SESSION, checks=NOT_ZEROED), "Start a session first"),
-        ("01", running(3), "between two trials"), ("01", ready(60), "All trials"),
-    ):  # fmt: skip
-        show(page, opened(session, **ON_BENCH), snapshot)
-        assert says in page.why.text() and not any(button.isEnabled() for button in page.steps.values())
-
-
-def test_a_fault_on_the_board_is_reset_before_a_step(page: DevicePage) -> None:
-    page.show_pulse(told(status(fault="no command for 50 ms")))
-    reconnect, home, zero = page.steps.values()
-    assert not home.isEnabled() and not zero.isEnabled() and reconnect.isEnabled()
-
-
 def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: DevicePage) -> None:
     gain, step, noise, force = quantisation(DEVICE, status(), PRESETS)
     coarse = quantisation(DEVICE, status({"counts_per_rev": [48_000, 48_000]}), PRESETS)
     assert coarse[1] == pytest.approx(2.0 * step) and coarse[3] == pytest.approx(2.0 * force)
     assert gain == max(preset.value("gain_N_s_m") for preset in PRESETS.values())
     assert force == pytest.approx(gain * noise) and quantisation(DEVICE, status(homed=False), PRESETS) is None
+    page.raw.click()
     assert "can be felt" in texts(page)
     gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
     show(page, opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
     assert "can be felt" not in texts(page) and "too little to be felt" in texts(page)
-
-
-def test_the_first_row_that_is_not_ready_has_the_main_button(page: DevicePage) -> None:
-    not_homed = m.Check("Device", m.DUE, "not homed yet", "The session begins with homing the encoders.")
-    off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off.")
-    for state, checks, off_by, main in (
-        ({}, WELL, "", []), ({"zeroed": False}, NOT_ZEROED, "", ["Take the zero …"]),
-        ({"zeroed": False, "homed": False}, (not_homed, *NOT_ZEROED[1:]), "", ["Home the encoders …"]),
-        ({"problem": "no sample for 200 ms"}, LOST, "", ["Reconnect …"]),
-        ({"fault": "too hot"}, (off, *WELL[1:]), "too hot", []),
-    ):  # fmt: skip
-        page.show_pulse(told(status(**state)))
-        show(page, opened(**ON_BENCH), ready(3, checks=checks, brakes_off=off_by))
-        assert [one.text() for one in page.steps.values() if one.objectName() == "main"] == main
-        assert page.title.text() == ("Ready" if state == {} else "Not ready yet")
 
 
 def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_at_all_once_it_is_lost(
@@ -230,3 +180,81 @@ def test_a_fault_stands_in_the_row_of_what_it_is_of() -> None:
     ):  # fmt: skip
         found = readiness(ready(3, checks=(lost, *WELL[1:]), brakes_off=off_by), state, {})
         assert [name for name, check in found.items() if check.state == m.BAD] == [row]
+
+
+NOT_HOMED = m.Check("Device", m.DUE, "not homed yet", "Home the encoders.")
+OFF = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. The board was too hot.")
+BEFORE, ALL = m.Snapshot(m.NO_SESSION, checks=WELL), {m.CONNECT, m.HOME, m.ZERO}
+#: session, snapshot, the board's status -> what stands at the top, the main button and its command, steps of the rows
+SHOWN = {
+    "all is ready before a session": ("", BEFORE, {}, "Ready", "Start the session on Home", None, ALL),
+    "all is ready in a session": ("01", ready(3, checks=WELL), {}, "Ready", "The Run page goes on", None, ALL),
+    "no zero, before a session": (
+        "", BEFORE._replace(checks=NOT_ZEROED), {"zeroed": False}, "Next: zero the force sensor",
+        "Take your hand off the handle", ("Zero the force sensor", m.PrepareDevice(m.ZERO)), ALL,
+    ),
+    "not homed": (
+        "01", ready(3, checks=(NOT_HOMED, *NOT_ZEROED[1:])), {"zeroed": False, "homed": False},
+        "Next: home the encoders", "Hold the handle in its jig at x = 0 mm, y = 400 mm",
+        ("Home the encoders", m.PrepareDevice(m.HOME)), ALL,
+    ),
+    "the board is lost": (
+        "01", ready(3, checks=LOST), {"problem": "no sample for 200 ms"}, "Next: reconnect the board", "No sample",
+        ("Reconnect the board", m.PrepareDevice(m.CONNECT)), {m.CONNECT},
+    ),
+    "a fault is latched on the board": (
+        "01", ready(3, checks=(OFF, *WELL[1:]), brakes_off="too hot"), {"fault": "too hot"}, "Next: allow the brakes",
+        "too hot", ("Allow brakes", m.AllowBrakes()), {m.CONNECT},
+    ),
+    "a step is being done": (
+        "01", ready(3, checks=NOT_ZEROED, step=m.ZERO), {"zeroed": False}, "Zeroing …", "do not touch", None, set(),
+    ),
+    "a trial is running": ("01", running(3), {}, "Nothing to do here now", "between two trials", None, set()),
+    "the plan is done": ("01", ready(60), {}, "Nothing to do here now", "All trials", None, set()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SHOWN, ids=lambda case: case.replace(" ", "-"))
+def test_the_page_says_what_comes_next_offers_it_and_sends_it(bench: Bench, page: DevicePage, case: str) -> None:
+    session, snapshot, changes, title, text, main, can = SHOWN[case]
+    page.show_pulse(told(status(**changes)))
+    show(page, opened(session, **ON_BENCH), snapshot)
+    assert page.title.text() == title and text in page.text.text()
+    assert {step for step, pressed in page.again.items() if pressed.isEnabled()} == can
+    assert page.main.isVisible() == (main is not None)
+    if main is not None:
+        words, command = main
+        assert page.main.text() == words
+        bench.click(page.main)
+        assert bench.sent == [command]
+
+
+def test_a_step_is_taken_again_after_a_question_that_says_what_it_needs(bench: Bench, page: DevicePage) -> None:
+    show(page, opened(**ON_BENCH), ready(3, checks=WELL))
+    page.show_pulse(told(status(tip=(0.0, 0.4))))  # in the jig
+    for (step, pressed), says in zip(page.again.items(), ("made again", " mm", "hand off"), strict=True):
+        bench.click(pressed)
+        assert bench.sent == [] and says in page.cards.question.text.text()
+        assert page.cards.leave() and page.cards.question is None and not page.cards.leave()
+        bench.click(pressed)
+        bench.click(page.cards.question.buttons[0])
+        assert bench.sent == [m.PrepareDevice(step)] and page.cards.question is None
+        bench.sent.clear()
+
+
+def test_before_homing_in_a_wrong_jig_the_page_names_the_distance_and_asks(bench: Bench, page: DevicePage) -> None:
+    page.show_pulse(told(status(tip=(0.0053, 0.4))))
+    for answer, sent in ((0, []), (1, [m.PrepareDevice(m.HOME, sure=True)])):
+        bench.click(page.again[m.HOME])
+        bench.click(page.cards.question.buttons[0])
+        assert "5.3 mm from its jig" in page.cards.question.text.text() and bench.sent == []
+        bench.click(page.cards.question.buttons[answer])
+        assert bench.sent == sent and page.cards.question is None
+
+
+def test_raw_numbers_are_behind_the_picture(bench: Bench, page: DevicePage) -> None:
+    assert page.view.isVisible() and "Clock drift" not in texts(page)
+    bench.click(page.raw)
+    assert not page.view.isVisible() and "Clock drift" in texts(page)
+    bench.click(page.raw)
+    assert page.view.isVisible()

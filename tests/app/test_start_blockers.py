@@ -78,7 +78,7 @@ def test_what_a_step_of_the_session_puts_right_keeps_trials_from_starting_and_is
     checks = check_real(status(homed=False), ""), check_sensor(status(zeroed=False))
     snapshot = before(checks=(*checks, *GREEN[2:]))
     assert [check.state for check in checks] == [m.DUE, m.DUE] and advice(snapshot) == [], "amber, in no red banner"
-    assert snapshot.trial_blocker.startswith("Device: not homed yet. The session begins with homing")
+    assert snapshot.trial_blocker.startswith("Device: not homed yet. Home the encoders")
     assert snapshot.session_blocker(real_device=True) == "" and not snapshot.place_known
     looked_for = check_real(status(problem="no answer"), "", connecting=True)
     assert (looked_for.state, looked_for.text) == (m.WAITING, "connecting …")

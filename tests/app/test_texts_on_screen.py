@@ -58,7 +58,9 @@ FLAGS = {name: f"The measure {name} needs a force, which this device does not ha
 FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
 UNEVEN = {"clock": {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 60}, "lost_links": 3, "begun_anew": 2}
 BAD_ENCODER = check_device(False, cause("bad-encoder"))
-NOT_HOMED = m.Check("Device", m.DUE, "not homed yet", "The session begins with homing the encoders.")
+NOT_HOMED = m.Check(
+    "Device", m.DUE, "not homed yet", "Home the encoders: the session or the Device page (F3) guides you."
+)
 RUN_STATES = {
     "preparing": (m.Snapshot(m.PREPARING),),
     "ready": (opened(), ready(12, notes=NOTES)),

@@ -9,7 +9,7 @@ from app.ipc.messages import DeviceStatus
 
 ON_BENCH = {"real_device": True, "hand": "force sensor"}
 WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check("Hand", m.GOOD, "force sensor"), *GREEN[2:])
-NO_ZERO = m.Check("Hand", m.DUE, "no zero yet", "The session zeroes the force sensor before its first trial.")
+NO_ZERO = m.Check("Hand", m.DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
 NOT_ZEROED = (WELL[0], NO_ZERO, *GREEN[2:])
 LOST = (
     m.Check("Device", m.BAD, "not connected", "No sample for 200 ms."),

@@ -1,16 +1,16 @@
-"""The device on the bench: is it ready, what to do next, and what its board and sensors report."""
+"""The device on the bench: what to do next, a row for each part of it, its picture, and its raw numbers behind it."""
 
 from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QGridLayout
+from PySide6.QtGui import QShowEvent
+from PySide6.QtWidgets import QVBoxLayout
 
 from app.ipc import messages as m
 from app.window.device import figures
 from app.window.device.device_view import DeviceView
-from app.window.device.figures import ENCODERS, FORCE, READY_BOARD
+from app.window.device.next_step import ALLOW, STEP_OF, STEPS, NextStep, jig_of, needs_of, next_step, possible
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.page import Page
@@ -22,81 +22,91 @@ from app.window.widgets.parts import (
     column,
     grid,
     holder,
+    keep_room,
     panel,
     row,
     scrolled,
+    stack,
     text_label,
     wrapped_label,
 )
 from app.window.widgets.preflight import MARKS
-from experiments.protocol import home_of
 
 SIMULATED = (
     "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on the "
     "Home page and connect to its port."
 )
-#: row -> the words of its button, the step that it asks for, and what its question says
-STEPS = {
-    READY_BOARD: (
-        "Reconnect …",
-        m.CONNECT,
-        "The connection is closed and made again. The zero must be taken again afterwards.",
-    ),
-    ENCODERS: ("Home the encoders …", m.HOME, "Hold the handle in its jig at {}, then go on."),
-    FORCE: ("Take the zero …", m.ZERO, "Let go of the handle, go on, and do not touch it for a second."),
-}
-LINES_PX = (660, 400)  # the rows at most
-VIEW_PX = 120  # the height of the picture at least: in a small window the figures scroll
+ROWS_PX, ROW_PX, NAME_PX = 720, 52, 110  # of the rows: wide at most, high at least; of a name
+RAW, PICTURE = "Raw numbers  ›", "‹  Picture"
 
 
 class DevicePage(Page):
-    """Row by row what must be ready, each with its button; the device as its encoders have it; figures."""
+    """What to do next over a row for each part; beside them the device as its encoders have it, or raw numbers."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self._port = ""  # of a device on the bench; "": the device is simulated
         self._status: m.DeviceStatus | None = None
         self._rates, self._recent = dict[str, float](), figures.Rates()
+        self.next = NextStep("", "")
         self.cards = Cards(self)
-        self.title = text_label("", size=theme.HEAD, bold=True)
-        self.no_figures, self.why = wrapped_label("", size=theme.TITLE), wrapped_label("", "quiet")
+        self.title, self.text = text_label("", size=theme.HEAD, bold=True), wrapped_label("", "quiet")
+        self.main = button("", lambda: self._do(self.next.step), "main")
+        self.main.setFont(theme.font(theme.NORMAL, bold=True))
+        self.main.setMinimumHeight(44)
+        keep_room(self.main)  # nothing moves when it comes
+        self.no_figures = wrapped_label("", size=theme.TITLE)
         self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.view = DeviceView()
         self.rows = {name: (text_label(), wrapped_label()) for name in figures.READINESS}  # mark, words
-        named = (name for names, _ in figures.GROUPS.values() for name in names)
+        named = (name for names in figures.GROUPS.values() for name in names)
         self.values = {name: wrapped_label(figures.NOTHING) for name in named}
-        self.steps = {name: button(text, partial(self._ask, name)) for name, (text, _, _) in STEPS.items()}
+        self.again = {step: button(words.again, partial(self._ask, step), "link") for step, words in STEPS.items()}
+        self.raw = button(RAW, self._turn, "link")
         self._lay_out()
         self._refresh()
 
     def _lay_out(self) -> None:
-        lines = grid(10, 4, stretched=2)
+        lines = grid(12, 0, stretched=2)
         for down, (name, (mark, words)) in enumerate(self.rows.items()):
-            pressed = self.steps.get(name)
-            lines.addWidget(mark, down, 0)
-            lines.addWidget(text_label(name, bold=True), down, 1)
-            lines.addWidget(words, down, 2, 1, 1 if pressed else 2)
-            if pressed is not None:
-                lines.addWidget(pressed, down, 3, Qt.AlignmentFlag.AlignVCenter)
-            lines.setRowStretch(down, 1)  # each row has its share
-        self._lines = holder(lines)
-        state = Panel()
-        state.setLayout(column(self.title, (scrolled(self._lines), 1), self.why, spacing=8, margins=PANEL_MARGINS))
-        self._lines.setMaximumSize(*LINES_PX)  # in a large window the rows and their buttons stay together
-        self.view.setMinimumHeight(VIEW_PX)
-        seen = panel("As the encoders have it", (self.view, 1), self.view.caption, spacing=4)
-        panels = [(panel(title, self._grid_of(names), 1), share) for title, (names, share) in figures.GROUPS.items()]
-        top = row((state, 5), (seen, 4), spacing=theme.GAP)
-        self._figures = scrolled(holder(row(*panels, spacing=theme.GAP)))
-        self.bench = holder(column((top, 1), self._figures, spacing=theme.GAP))
+            label = text_label(name, bold=True)
+            label.setMinimumWidth(NAME_PX)
+            for across, part in enumerate((mark, label, words)):
+                lines.addWidget(part, 2 * down, across)
+            if name in STEP_OF:
+                lines.addWidget(self.again[STEP_OF[name]], 2 * down, 3, Qt.AlignmentFlag.AlignRight)
+            lines.setRowMinimumHeight(2 * down, ROW_PX)
+            lines.addWidget(Panel("line"), 2 * down + 1, 0, 1, 4)
+        first, rows = Panel(), Panel()
+        first.setLayout(column(self.title, self.text, row(self.main, 1), spacing=10, margins=(24, 18, 24, 20)))
+        rows.setLayout(
+            column((scrolled(holder(column(lines, 1))), 1), row(self.raw, 1), spacing=6, margins=(24, 8, 24, 12))
+        )
+        left = holder(column(first, (rows, 1), spacing=theme.GAP))
+        left.setMaximumWidth(ROWS_PX)
+        seen = panel("Where the encoders see the handle", (self.view, 1), self.view.caption, spacing=4)
+        self.side = stack(seen, self._raw_panel())
+        self.bench = holder(row((left, 5), (self.side, 4), spacing=theme.GAP))
         self.setLayout(column(self.no_figures, (self.bench, 1)))
 
-    def _grid_of(self, names: tuple[str, ...]) -> QGridLayout:
-        lines = grid(8, 4, stretched=1)
-        for place, name in enumerate(names):
-            lines.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
-            lines.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
-        return lines
+    def _raw_panel(self) -> Panel:
+        groups: QVBoxLayout = column(spacing=10)
+        for title, names in figures.GROUPS.items():
+            lines = grid(12, 3, stretched=1)
+            for place, name in enumerate(names):
+                lines.addWidget(text_label(name, "quiet"), place, 0, Qt.AlignmentFlag.AlignTop)
+                lines.addWidget(self.values[name], place, 1, Qt.AlignmentFlag.AlignTop)
+            groups.addWidget(text_label(title, size=theme.TITLE, bold=True))
+            groups.addLayout(lines)
+        groups.addStretch(1)
+        shown = Panel()
+        shown.setLayout(column((scrolled(holder(groups)), 1), margins=PANEL_MARGINS))
+        return shown
+
+    def _turn(self) -> None:
+        """Show the raw numbers, or the picture again."""
+        self.side.setCurrentIndex(1 - self.side.currentIndex())
+        self.raw.setText(PICTURE if self.side.currentIndex() else RAW)
 
     def show_setup(self, setup: m.Setup) -> None:
         self._port, self._status, self.opened = setup.link, None, None
@@ -130,14 +140,6 @@ class DevicePage(Page):
         super().showEvent(event)
         self._refresh()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self._fit_figures()
-
-    def _fit_figures(self) -> None:
-        """The figures take no more room than their lines need."""
-        self._figures.setMaximumHeight(self._figures.widget().heightForWidth(self.width()))
-
     def _refresh(self) -> None:
         status, snapshot, opened = self._status, self.snapshot, self.opened
         on_bench = opened is not None and opened.real_device
@@ -149,27 +151,16 @@ class DevicePage(Page):
         values = figures.figures_of(status, opened.protocol) if status else {}
         for name, label in self.values.items():
             label.setText(breakable(values.get(name) or figures.NOTHING))
-        self._fit_figures()
-        why = why_no_step(opened, snapshot)
-        self.why.setText(why)
-        free = not why and not snapshot.step  # one step at a time
-        self._show_rows(figures.readiness(snapshot, status, self._rates), free)
+        found = figures.readiness(snapshot, status, self._rates)
+        self._show_rows(found, possible(opened, snapshot, status))
+        self._show_next(next_step(found, opened, snapshot, status))
         runs = snapshot.stage == m.RUNNING
         self.view.show_device(status if figures.is_reached(status) else None, opened.protocol, runs)
 
-    def _show_rows(self, found: dict[str, m.Check], free: bool) -> None:
-        """What is ready; the button of the first that is not, and can be made so, is the main one."""
-        status = self._status
-        usable = status if free and figures.is_reached(status) and status is not None and not status.fault else None
-        senses = usable is not None and usable.force_channels > 0
-        can = {READY_BOARD: free, ENCODERS: usable is not None, FORCE: senses}
-        due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")
-        self.title.setText("Not ready yet" if due else "Ready")
-        for name, pressed in self.steps.items():  # that of the brakes is in the header
-            text, step, _ = STEPS[name]
-            pressed.setText(m.WAITS[step] if self.snapshot.step == step else text)
-            pressed.setEnabled(can[name])
-            theme.set_style(pressed, "main" if name == due else "")
+    def _show_rows(self, found: dict[str, m.Check], can: set[str]) -> None:
+        for step, pressed in self.again.items():
+            pressed.setText(m.WAITS[step] if self.snapshot.step == step else STEPS[step].again)
+            pressed.setEnabled(step in can)
         for name, (mark, words) in self.rows.items():
             check = found[name]
             shape, look = MARKS[check.state]
@@ -177,29 +168,44 @@ class DevicePage(Page):
             theme.set_style(mark, look)
             words.setText(breakable(check.text[:1].upper() + check.text[1:]))
 
-    def _ask(self, name: str) -> None:
-        """Say what the step needs before it is taken."""
-        text, step, needs = STEPS[name]
-        coming, opened = self.snapshot.coming, self.opened
-        if coming is None or opened is None:
+    def _show_next(self, shown: NextStep) -> None:
+        self.next = shown
+        self.title.setText(shown.title)
+        self.text.setText(breakable(shown.text))
+        self.main.setText(shown.button)
+        self.main.setVisible(bool(shown.button))
+
+    def _button_of(self, words: str, step: str, sure: bool = False) -> tuple[str, Callable[[], None]]:
+        return words, partial(self._do, step, sure)
+
+    def _ask(self, step: str) -> None:
+        """Say what a step needs before it is taken again."""
+        if self.opened is None:
             return
-        if step == m.HOME:
-            x, y = home_of(opened.protocol.device(coming.configuration), opened.protocol.paths)
-            needs = needs.format(f"x = {1e3 * x:.0f} mm, y = {1e3 * y:.0f} mm")
+        needs = needs_of(step, self.opened, self.snapshot, self._status)
+        if step == m.CONNECT:
+            needs += " The zero must be taken again afterwards."
+        answers = [self._button_of(f"{STEPS[step].title}  Enter", step), ("Cancel  Esc", self.cards.leave)]
+        self.cards.put(OverlayCard(STEPS[step].again.removesuffix(" …"), needs, answers, self))
 
-        def do() -> None:
-            self.cards.leave()
-            self.send(m.PrepareDevice(step))
+    def _do(self, step: str, sure: bool = False) -> None:
+        """Take a step; before homing where the encoders have the handle elsewhere, ask. sure: that was asked."""
+        self.cards.leave()
+        opened, status = self.opened, self._status
+        if step == ALLOW:
+            self.send(m.AllowBrakes())
+        elif step == m.HOME and not sure and opened is not None and status is not None:
+            if wrong := status.wrong_jig(jig_of(opened, self.snapshot, status)):
+                self._ask_about_jig(wrong)
+            else:
+                self.send(m.PrepareDevice(step))
+        elif step != m.DONE:
+            self.send(m.PrepareDevice(step, sure))
 
-        answers = [("Go on  Enter", do), ("Cancel  Esc", self.cards.leave)]
-        self.cards.put(OverlayCard(text.removesuffix(" …"), needs, answers, self))
-
-
-def why_no_step(opened: m.Opened, snapshot: m.Snapshot) -> str:
-    """Why no step can be taken now, one sentence; "": one can."""
-    if not opened.participant:
-        return "Start a session first: its journal records these steps."
-    if snapshot.coming is None:
-        return "All trials of the plan are done."
-    between = snapshot.stage == m.READY or snapshot.card is not None
-    return "" if between else "These steps are taken between two trials."
+    def _ask_about_jig(self, wrong: str) -> None:
+        text = (
+            f"{wrong} Is it the right jig, and does it hold the handle? If you home here, every position changes by as "
+            "much."
+        )
+        answers = [("Cancel  Esc", self.cards.leave), self._button_of("Home here all the same", m.HOME, True)]
+        self.cards.put(OverlayCard("Is this the right jig?", text, answers, self))

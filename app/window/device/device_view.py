@@ -17,10 +17,7 @@ from app.window.widgets.theme import COLOURS
 from core.mechanism import JOINTS
 from experiments.protocol import Protocol, home_of
 
-FOLLOWS = (
-    "Move the handle: the picture must follow. Joints with an encoder have a ringed letter; the dashed ring is the "
-    "jig, the arrow the force of the hand."
-)
+FOLLOWS = "Move the handle: the picture must follow. Dashed ring: the jig. Ringed letters: joints with an encoder."
 UNHOMED = "Not homed: drawn with the handle in its jig, the dashed ring."
 STANDS = "A trial is running: this is the device before it. The Run page shows it now."
 NO_DEVICE = "Nothing is connected."

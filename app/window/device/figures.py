@@ -53,8 +53,7 @@ LINK = {
     "Damaged": "{frames_bad} messages", "Gaps": "{frames_resyncs} after damage",
     "Too late": "{late_commands} commands", "Refused": "{refused} messages", "No position": "{not_closed} samples",
 }  # fmt: skip
-#: title -> names, share of the width: what the board is called may take two lines, numbers that change may not
-GROUPS = {"Board": (BOARD, 5), "Sensors": (SENSORS, 6), "Link since it was opened": (tuple(LINK), 5)}
+GROUPS = {"Board": BOARD, "Sensors": SENSORS, "Link since it was opened": tuple(LINK)}  # title -> names
 READY_BOARD, BRAKES, ENCODERS, FORCE, SAMPLES = READINESS = "Board", "Brakes", "Encoders", "Force sensor", "Link"
 
 
@@ -114,7 +113,8 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
         arrive = f"{rates['samples']:.0f} samples a second" if rates else "samples arrive"
         for name, good, text in (
             (READY_BOARD, True, f"{board} is connected"), (BRAKES, True, STATES.get(state, state)),
-            (ENCODERS, status.homed, f"{letters}: {homed}"), (FORCE, status.zeroed, channels), (SAMPLES, True, arrive),
+            (ENCODERS, status.homed, f"{letters}: {homed}"),
+            (FORCE, status.zeroed or not status.force_channels, channels), (SAMPLES, True, arrive),
         ):  # fmt: skip
             found[name] = m.Check(name, m.GOOD if good else m.WAITING, text)
         if worse := worth_a_look(status, rates):
@@ -124,7 +124,7 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
     for check in snapshot.checks:  # the server's own, which says what keeps trials from starting
         name = {"Device": of_device, "Hand": FORCE if reached else ""}.get(check.name, "")
         if name and check.state != m.GOOD:
-            found[name] = check._replace(text=told(check))
+            found[name] = check._replace(text=check.text if check.state == m.DUE else told(check))
     return found
 
 

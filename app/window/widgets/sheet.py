@@ -55,6 +55,9 @@ QMenu::item { padding: 6px 18px; }
 QMenu::item:selected { background: $accent_ground; }
 QMenu::item:disabled { color: $brake_off; }
 QPushButton#small { padding: 3px 10px; }
+QPushButton#link { background: transparent; border: 1px solid transparent; color: $accent; padding: 4px 6px; }
+QPushButton#link:hover, QPushButton#link:focus { border-color: $accent; }
+QPushButton#link:disabled { color: $brake_off; }
 QLineEdit, QComboBox, QPlainTextEdit { background: $ground; border: 1px solid $line; border-radius: 5px;
     padding: 5px 8px; selection-background-color: $accent_ground; placeholder-text-color: $quiet; }
 QComboBox::drop-down { border: none; width: 22px; }
