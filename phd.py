@@ -21,6 +21,7 @@ import pandas as pd
 from app.progress import watch_compiling
 from core.device import Device, load_device
 from core.files import InputError
+from core.simulator.stepped import Simulation, State
 from experiments.analysis.charts import boxes as _boxes
 from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics, recorded_metrics
@@ -41,8 +42,8 @@ from experiments.trial.population import load_population
 from experiments.trial.real_trial import load_kernels
 
 __all__ = [
-    "Device", "InputError", "boxes", "load_device", "load_recording", "load_trials", "replay", "run_scene", "run_study",
-    "statistics",
+    "Device", "InputError", "Simulation", "State", "boxes", "load_device", "load_recording", "load_trials", "replay",
+    "run_scene", "run_study", "statistics",
 ]  # fmt: skip
 
 

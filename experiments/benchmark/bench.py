@@ -18,6 +18,8 @@ import numpy as np
 
 from core import tick_log
 from core.device import without_backlash
+from core.mechanism import JOINTS
+from core.simulator import stepped
 from core.simulator.simulation import ROW_WIDTH, Grid, Schedule, Simulation, run_rows
 from core.simulator.solver_numbers import DELTA_OMEGA
 from experiments.benchmark.clock import clock
@@ -103,6 +105,7 @@ def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
         "rows": [asdict(row) for row in rows],
         "reference": {"step_s": TINY_S, "against": AGAINST, "checks": checks},
         "karnopp": band,
+        "python": [python_steps(scene, repeats) for scene in scenes if scene.name == "S1"],
         "tick": tick_cost(quick),
     }
 
@@ -243,6 +246,26 @@ def karnopp_band(scene: BenchScene, delta_omega: float, tips: np.ndarray) -> dic
 
 
 # -------------------------------------------------------------------------------------- what is timed beside the scenes
+
+
+def python_steps(scene: BenchScene, repeats: int) -> dict:
+    """The time of one step of 1 ms from Python (us), `phd.Simulation` and its peers, each with a new force."""
+    simulation, count = stepped.Simulation(scene.device, "ideal"), 1000
+    torques = scene.torques[0][[JOINTS.index(joint) for joint in simulation.braked]].tolist()
+    forces = [tuple(scene.force(k * 1e-3).tolist()) for k in range(count)]
+    least = math.inf
+    for _ in range(repeats):
+        simulation.reset(START)
+        start = clock()
+        for force in forces:
+            simulation.step(torques, force, 1e-3)
+        least = min(least, clock() - start)
+    found = {"device": scene.device.name, "event": least / count * 1e6}
+    for name, other in PEERS.items():
+        if other.version():
+            run = other.run(scene, 1e-3)
+            found[name] = min(run.python_seconds(count) for _ in range(repeats)) / count * 1e6
+    return found
 
 
 def tick_cost(quick: bool) -> dict:

@@ -49,6 +49,10 @@ def table(result: dict) -> str:
         + (f"{k['rms_error_m']:.1e} m" if k["creep_m_s"] is None else f"{k['creep_m_s']:.1e} m/s")
         for k in result["karnopp"]
     ]
+    lines += ["", "one step of 1 ms from Python, with a new force (us)"]
+    for cost in result["python"]:
+        peers = "".join(f"   {PEERS[name].name} {cost[name]:.1f}" for name in PEERS if name in cost)
+        lines.append(f"  {cost['device']:18} phd.Simulation {cost['event']:.1f}{peers}")
     tick = result["tick"]
     lines += ["", f"a whole control tick  {tick['us_per_tick']:.2f} us"]
     lines += [

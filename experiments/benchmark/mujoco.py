@@ -113,6 +113,19 @@ class MujocoRun:
         self._roll(state, self.forces)
         return clock() - start
 
+    def python_seconds(self, count: int) -> float:
+        """Time of so many steps from Python (s), each with a new force and the brakes' torques."""
+        data, step, wrench = self.mujoco.MjData(self.model), self.mujoco.mj_step, self.model.body("handle").id
+        friction, torques = self.model.dof_frictionloss, self.scene.torques[0]
+        forces = [self.scene.force(k * self.step) for k in range(count)]
+        self.mujoco.mj_copyData(data, self.model, self.data)
+        start = clock()
+        for force in forces:
+            data.xfrc_applied[wrench, :2] = force
+            friction[:] = torques
+            step(self.model, data)
+        return clock() - start
+
     def _start(self) -> np.ndarray:
         size = self.mujoco.mj_stateSize(self.model, self.mujoco.mjtState.mjSTATE_FULLPHYSICS)
         state = np.zeros(size)

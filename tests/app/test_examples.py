@@ -1,6 +1,7 @@
 """The examples in docs run as they stand, and show what their first line says."""
 
 import re
+import runpy
 import tomllib
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from exports import rows
+from gymnasium.utils.env_checker import check_env
 
 from app.cli import main
 from core.cobot import CobotFile
@@ -88,6 +90,20 @@ def test_every_ranges_file_gives_samples_of_three_people(file):
     fixed = {name.partition(".")[2]: one.value for name, one in ranges.fixed.items() if name.startswith("assumptions.")}
     assert ranges.operators == 3
     assert {name: getattr(protocol.assumptions, name) for name in fixed} == fixed
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_gymnasium_environment_passes_gymnasiums_own_check_and_brakes_hold_the_hand():
+    module = runpy.run_path(str(EXAMPLES / "gymnasium_env.py"))
+    environment = module["GuideAlongLine"]()
+    check_env(environment, skip_render_check=True)
+    ways = []
+    for share in (0.0, 1.0):
+        environment.reset(seed=1)
+        for _ in range(50):
+            seen, *_ = environment.step(np.full(3, share, np.float32))
+        ways.append(np.linalg.norm(seen[:2] - module["START"]))
+    assert 10.0 * ways[1] < ways[0]  # the brakes lag, and have play
 
 
 def keys_of(kind) -> dict[str, object]:

@@ -131,6 +131,7 @@ def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
                 assert row["creep_m_s"] == 0.0
     for check in result["reference"]["checks"]:
         assert check["max_difference_m"] < (1e-12 if check["fidelity"] == "ideal" else 1e-7), check
+    assert [set(cost) for cost in result["python"]] == [{"device", "event"}] and result["python"][0]["event"] > 0.0
     assert "event" in table(result) and "MuJoCo is not installed (pip" in table(result)
     assert result["machine"]["mujoco"] is None and not any(row["integrator"] == "mujoco" for row in result["rows"])
     assert work_precision(result)["pdf"].startswith(b"%PDF")
