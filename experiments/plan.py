@@ -25,6 +25,7 @@ from core.path import BLEND_WIDTH_M, Arc, PathFile, Polyline, build_path
 from experiments.protocol import Protocol
 
 PRACTICE_BLOCK = 0
+MAX_LABEL = 20  # letters and digits of a participant, as a folder's name has room for
 MOST_SHOWN = 8  # points of a polyline in the printed plan
 #: A random order is drawn until one fits (3 in 10 of the paper's do); after this many draws it is built.
 _MOST_DRAWS = 2000
@@ -48,14 +49,27 @@ class PlannedTrial(NamedTuple):
     repetition: int  # 1.., of the cell within the configuration
 
 
+def participant_label(text: str) -> str:
+    """The label that was typed, without blanks around it. InputError: as `refuse_no_label`."""
+    refuse_no_label(label := text.strip())
+    return label
+
+
+def refuse_no_label(label: str) -> None:
+    """InputError unless it is a participant's label, which a folder is named after."""
+    if not (label.isascii() and label.isalnum()):
+        raise InputError(f"participant {label!r}: must be letters a to z and digits only")
+    if len(label) > MAX_LABEL:
+        raise InputError(f"participant {label}: must have at most {MAX_LABEL} characters, not {len(label)}")
+
+
 def participant_index(participant: str) -> int:
     """The participant's number, which decides the order of the configurations: "07" and "p7" give 7.
 
     Our choice: a label without digits gets a number from its letters, so the order does not depend on chance.
-    InputError unless it is letters and digits only.
+    InputError: as `refuse_no_label`.
     """
-    if not (participant.isascii() and participant.isalnum()):
-        raise InputError(f"participant {participant!r}: must be letters and digits only")
+    refuse_no_label(participant)
     digits = re.search(r"\d+$", participant) or re.search(r"\d+", participant)
     return int(digits.group()) if digits else zlib.crc32(participant.encode())
 

@@ -28,7 +28,7 @@ FEEDBACK = ("none", "time", "error")
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 Seed = Annotated[int, msgspec.Meta(ge=0)]
 Text = Annotated[str, msgspec.Meta(min_length=1)]
-Label = Annotated[str, text_of_form("[A-Za-z0-9]+", "letters and digits only")]
+Label = Annotated[str, text_of_form("[A-Za-z0-9]{1,20}", "letters and digits only, at most 20")]
 Rules = Annotated[str, choice(*RULE_SETS)]
 _SOME = msgspec.Meta(min_length=1)
 

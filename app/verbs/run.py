@@ -12,7 +12,7 @@ from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole
 from app.window.widgets import palette
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
-from experiments.plan import print_plan
+from experiments.plan import participant_label, print_plan
 from experiments.protocol import Protocol, load_protocol
 from hardware.own_driver import DRIVER, load_driver
 
@@ -51,18 +51,19 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
     option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
     participant = "who moves the handle (default: the first without a session)"
-    option("--participant", type=participant_label, metavar="01", help=participant)
+    option("--participant", type=label_of_participant, metavar="01", help=participant)
     folder = "where sessions are kept (default: the folder of the settings, else phd-data in your home folder)"
     option("--data-dir", **{**DATA_DIR, "default": None, "help": folder})
     option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings, else dark)")
     option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
 
 
-def participant_label(text: str) -> str:
+def label_of_participant(text: str) -> str:
     """The type of an argument: letters and digits."""
-    if not (text.isascii() and text.isalnum()):
-        raise argparse.ArgumentTypeError(f"must be letters and digits only, not {text!r}")
-    return text
+    try:
+        return participant_label(text)
+    except InputError as problem:
+        raise argparse.ArgumentTypeError(str(problem)) from None
 
 
 def run(args: argparse.Namespace) -> int | None:

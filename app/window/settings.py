@@ -40,8 +40,8 @@ FELT = {
     "none": "All brakes are off: the hand feels only friction and mass.",
     "sdof": "Single degree of freedom: one brake at a time is locked, so that the handle can move along one line only. "
     "It is the brake whose line leads best to the path and along it.",
-    "proportional": "The brakes together resist every motion away from the path, in proportion to its speed: the "
-    "larger the gain, the stiffer.",
+    "proportional": "One brake at a time resists motion away from the path, in proportion to its speed: the larger the "
+    "gain, the stiffer.",
     "reflect": "The brakes show a force from elsewhere, such as that of a wall, as far as brakes can.",
 }
 KEYS_PX = 960  # wide, groups side by side

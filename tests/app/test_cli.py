@@ -108,7 +108,7 @@ WRONG_ARGUMENTS = {
     "study device": (["study", "--device", "six-brake", "--out", "s"], "unknown device 'six-brake'"),
     "study device twice": (["study", "--device", "pter", "pter", "--out", "s"], "--device: two devices have the same"),
     "device without a verb": (["--device", "six-brake", "--print-plan"], "unknown device 'six-brake'"),
-    "participant": (["run", "--participant", "../x"], "--participant: must be letters and digits"),
+    "participant": (["run", "--participant", "../x"], "participant .*: must be letters a to z and digits"),
     "link": (["run", "--link", "usb", "--print-plan"], f"--link: {LINKS}, not 'usb'"),
     "link, no number": (["run", "--link", "socket://b", "--print-plan"], f"--link: {LINKS}, not 'socket://b'"),
     "link, no address": (

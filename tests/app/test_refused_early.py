@@ -177,7 +177,7 @@ def test_a_session_that_the_disk_does_not_take_leaves_no_trace_and_can_be_begun_
 
 @pytest.mark.parametrize("name", ["", "../x", "a b", "é", "01/ses-02", "x\n"])
 def test_a_participant_whose_name_no_folder_could_have_is_refused(tmp_path, name):
-    with pytest.raises(InputError, match="letters and digits"):
+    with pytest.raises(InputError, match="letters a to z and digits"):
         new_session(tmp_path, name)
     assert everything(tmp_path) == set()
 

@@ -23,8 +23,9 @@ ONLY_TWO = Loaded(paper(participants=("A", "B")), "", 60, "A")
     ("changes", "sentence"),
     (
         ({"participant": ""}, "Name the participant."),
-        ({"participant": "P-1"}, "Name the participant, with letters a to z and digits."),
-        ({"participant": "é"}, "Name the participant, with letters a to z and digits."),
+        ({"participant": "P-1"}, "Participant 'P-1': must be letters a to z and digits only."),
+        ({"participant": "é"}, "Participant 'é': must be letters a to z and digits only."),
+        ({"participant": 21 * "a"}, "Participant aaaaaaaaaaaaaaaaaaaaa: must have at most 20 characters, not 21."),
         ({"participant": "", "loaded": None}, "Loading …"),
         ({"loaded": None}, "Loading …"),
         ({"loaded": InputError("blocks must be at least 1")}, "This protocol cannot be run."),

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from protocols import PAPER
 
 from core.files import InputError
-from experiments.plan import make_plan, plan_from_json, plan_hash, plan_to_json, practice_trial
+from experiments.plan import make_plan, participant_label, plan_from_json, plan_hash, plan_to_json, practice_trial
 
 CELLS = {(controller, path) for controller in PAPER.controllers for path in PAPER.paths}
 
@@ -116,5 +116,15 @@ def test_every_controller_is_about_equally_often_at_every_place_of_a_block_and_e
 
 @pytest.mark.parametrize("participant", ["a b", "é", ""])
 def test_a_label_that_is_not_letters_and_digits_is_refused(participant):
-    with pytest.raises(InputError, match="must be letters and digits only"):
+    with pytest.raises(InputError, match="must be letters a to z and digits only"):
         make_plan(PAPER, participant)
+
+
+@pytest.mark.parametrize(("typed", "label"), [("01 ", "01"), (" p7\t", "p7"), (20 * "a", 20 * "a")])
+def test_blanks_around_a_label_are_no_part_of_it(typed, label):
+    assert participant_label(typed) == label
+
+
+def test_a_label_that_a_folder_has_no_room_for_is_refused_with_its_length():
+    with pytest.raises(InputError, match="at most 20 characters, not 21"):
+        make_plan(PAPER, 21 * "a")

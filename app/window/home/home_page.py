@@ -117,7 +117,7 @@ class HomePage(Page):
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
-        self.participant = QLineEdit(maxLength=20, accessibleName="Participant", maximumWidth=110)
+        self.participant = QLineEdit(accessibleName="Participant", maximumWidth=110)
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
@@ -269,14 +269,18 @@ class HomePage(Page):
 
     def _looked(self) -> None:
         """Something in the data folder has changed: perhaps the participant who was proposed has declined."""
-        found = self.data.session_of(self.participant.text())
+        found = self.data.session_of(self._label())
         if found is not None and found.declined and not self._named:
             self._load()
         self._ask_plan()
         self._refresh()
 
+    def _label(self) -> str:
+        """The participant as typed, without blanks around it."""
+        return self.participant.text().strip()
+
     def _participant_typed(self) -> None:
-        self._named = self.participant.text()
+        self._named = self._label()
         self._ask_plan()
         self._refresh()
 
@@ -290,7 +294,7 @@ class HomePage(Page):
         self.plan.clear()
         if isinstance(loaded, Loaded):
             participant = self._named or loaded.participant
-            if participant != self.participant.text():
+            if participant != self._label():
                 self.participant.setText(participant)
                 self.form.show_form({})  # it was another participant's
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
@@ -302,7 +306,7 @@ class HomePage(Page):
 
     def _ask_plan(self) -> None:
         if isinstance(self.loaded, Loaded):
-            label = self.participant.text()
+            label = self._label()
             found = self.data.session_of(label)
             self._planning.ask(planned_trials, self.loaded.protocol, label, self.blind.isChecked(), found)
 
@@ -360,7 +364,7 @@ class HomePage(Page):
 
     def _wanted(self) -> Wanted:
         """The session that the button would start."""
-        label, overview = self.participant.text(), self.data.overview
+        label, overview = self._label(), self.data.overview
         asks = self._asks_a_person and isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
         agreed = asks and label in self._agreed
         consent_due = asks and not agreed
@@ -446,7 +450,7 @@ class HomePage(Page):
     def _ask_consent(self) -> None:
         """Let the participant read what they agree to: on their own screen where there is one, else here."""
         assert isinstance(self.loaded, Loaded) and self.loaded.protocol.consent is not None
-        title = f"Consent of {self.participant.text()}"
+        title = f"Consent of {self._label()}"
         if self.participant_answers:
             self.consent_asked.emit(self.loaded.protocol.consent)
             text = "The participant reads it and answers on the other screen."
@@ -458,7 +462,7 @@ class HomePage(Page):
 
     def answer_consent(self, agrees: bool) -> None:
         """The participant takes part, then the form comes; or does not, and that alone is recorded."""
-        participant, now = self.participant.text(), datetime.now(UTC).isoformat(timespec="milliseconds")
+        participant, now = self._label(), datetime.now(UTC).isoformat(timespec="milliseconds")
         self._show_columns()
         self.participant.setFocus()
         if agrees:

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from app.ipc import messages as m
-from app.window.widgets.words import LEAVE
+from app.window.widgets.words import LEAVE, as_sentence
 from core.files import InputError
-from experiments.plan import counted, make_plan, plan_summary, print_trials
+from experiments.plan import counted, make_plan, plan_summary, print_trials, refuse_no_label
 from experiments.protocol import Protocol, load_protocol, protocol_to_json
 from experiments.store.files import free_participant
 from experiments.store.overview import SessionOverview, scan_folder
@@ -84,11 +84,20 @@ def start_blockers(wanted: Wanted, is_open: str, snapshot: m.Snapshot, real_devi
         found = [declined if wanted.found.declined else wanted.found.problem]
     elif wanted.loaded is None:
         found = ["Loading …"]
-    elif not (label.isascii() and label.isalnum()):
-        found = ["Name the participant, with letters a to z and digits." if label else "Name the participant."]
     else:
-        found = new_session_blockers(wanted)
+        found = label_blockers(label) or new_session_blockers(wanted)
     return list(filter(None, [*found, session_blocker(is_open, wanted.no_board, snapshot, real_device)]))
+
+
+def label_blockers(label: str) -> list[str]:
+    """Why this is no participant's label; []: it is one."""
+    if not label:
+        return ["Name the participant."]
+    try:
+        refuse_no_label(label)
+    except InputError as problem:
+        return [as_sentence(str(problem))]
+    return []
 
 
 def new_session_blockers(wanted: Wanted) -> list[str]:
