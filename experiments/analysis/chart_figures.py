@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -21,21 +22,26 @@ from experiments.analysis.charts import (
     GROUP_SHARE,
     QUARTILE_METHOD,
     WHISKER,
-    Box,
     Chart,
+    PlacedBox,
     View,
     coloured,
     controllers_shown,
     disambiguate_codes,
     left_out,
     legend,
+    paths_of,
     pooled,
 )
-from experiments.analysis.colours import ON_LIGHT
+from experiments.analysis.colours import ON_LIGHT, colour_places
+from experiments.analysis.error_against_force import NAME
+from experiments.analysis.force_figure import draw_error_against_force
 from experiments.analysis.metrics import DRAWN, FIGURES, JUDGED, Metric
 from experiments.analysis.sheet import (
     CHARACTERS_PER_INCH,
     COLUMN_IN,
+    HATCHES,
+    LETTER_IN,
     LINE,
     LINE_IN,
     MIDDLE,
@@ -44,6 +50,7 @@ from experiments.analysis.sheet import (
     SMALL,
     STYLE,
     TEXT,
+    colour_of,
     figure_bytes,
     legend_at,
     new_figure,
@@ -55,16 +62,16 @@ from experiments.progress import Progress, no_progress
 
 FORMATS = ("png", "svg", "pdf")
 PAPER = "paper"  # the protocol whose figures these are
-#: Markers of the points of Table I's five controllers.
-MARKERS = "os^Dv"
+#: Markers of the points of the first path, the second, ...
+MARKERS = "o^sDv"
 TIMEOUT_COLOUR = "#c47400"
-#: As `charts.LOOKS`.
-HATCHES = ("", "", "/////", ".....")
 LEAST_WIDTH, BOX_IN, HEIGHT = PAGE_IN, 0.24, 4.8  # inches; a box takes so much of the width
 LABEL_IN, LABEL_LINE_IN = 10.5 / 72.0, 0.16  # inches: a line of a controller's name, of the small print
-LETTER_IN, TITLE_LETTER_IN = 0.059, 0.072  # inches: of a name under a box, of a title; about
+TITLE_LETTER_IN = 0.072  # inches: of a title; about
 LEFT_IN, RIGHT_IN, BETWEEN_IN, TOP_IN = 0.6, 0.15, 0.7, 0.72
 SLANT_DEG = 60.0  # of names that have no room side by side
+UNDER_IN = 0.66  # under a row of panels: two lines of names
+POINT_PT2, FILL = 14.0, 0.45  # area of a point, points^2; how much of its colour the body of a box has
 
 
 class Sizes(NamedTuple):
@@ -117,11 +124,13 @@ def chart_figure(chart: Chart, trials: Trials, note: str, view: View) -> Figure:
         draw_chart(axes, chart, view.logarithmic)
         named = coloured([chart], view)
         dots = [
-            Line2D([], [], marker=marker_of(controller), ls="", color=colour_of(controller), label=name)
+            Line2D([], [], marker="o", ls="", color=colour_of(controller, view.colours), label=name)
             for controller, name in named.items()
         ]
         if 0 < len(dots) <= len(ON_LIGHT):  # further ones would begin again, and have no room in a row
-            legend_at(figure, dots, 0.6, 0.1, fontsize=SMALL, handletextpad=0.0, columnspacing=0.8)
+            legend_at(
+                figure, [*dots, *path_handles([chart])], 0.6, 0.1, fontsize=SMALL, handletextpad=0.0, columnspacing=0.8
+            )
         small_print(figure, lines, 0.6)
     return figure
 
@@ -134,7 +143,8 @@ def draw_boxplots(
     pool: Executor | None = None,
     purpose: str = SCREEN,
 ) -> list[Path]:
-    """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide figure; returns the paths.
+    """Draw every metric as PNG, SVG and PDF, and those of the paper in one wide figure and with a row of panels for
+    each path; and error against force. Returns the paths.
 
     Configurations are drawn as `charts.LOOKS` in the order in which the table first names them. Codes of a blind
     session stand under their boxes as they are.
@@ -144,27 +154,33 @@ def draw_boxplots(
     InputError before anything is written if a file exists already or there is nothing to draw.
     """
     folder, trials, note = Path(out_folder), disambiguate_codes(data.trials), data.caption
-    view = View(tuple(dict.fromkeys(trials["configuration"])), data.labels, timeouts=timeouts)
+    configurations, colours = tuple(dict.fromkeys(trials["configuration"])), colour_places(data.controllers)
+    view = View(configurations, data.labels, timeouts=timeouts, colours=colours)
     if not len(trials):
         raise InputError(f"{folder}: there are no trials, no box plots to draw")
-    calls: list[tuple] = []
     sizes = SIZES[purpose]
     more = max(1.0, len(controllers_shown(trials, view.names)) / 5.0) if sizes.grows else 1.0
+    given = trials, note, view
+    calls: list[tuple] = [(draw_error_against_force, given, _paths(folder, NAME, FORMATS))]
     for metric in (*FIGURES, *data.own):
         name = metric.figure if data.protocol == PAPER else metric.figure.partition("_")[2]
-        calls.append(
-            (trials, [metric], sizes.single * more, note, view, [folder / f"{name}.{form}" for form in FORMATS])
-        )
+        calls.append((draw, (*given, [metric], sizes.single * more), _paths(folder, name, FORMATS)))
     # a page has room for three: of the two sums the one that does not hang on the cut
     wide = [metric for metric in (*JUDGED, *data.own) if sizes.grows or metric is not DRAWN[-1]]
-    paths = [folder / f"boxplots.{form}" for form in sizes.forms_beside]
-    calls.append((trials, wide, sizes.side_by_side * more, note, view, paths))
+    beside = *given, wide, sizes.side_by_side * more
+    calls.append((draw, beside, _paths(folder, "boxplots", sizes.forms_beside)))
+    if len(paths := sorted(set(trials["segment"].tolist()))) > 1:
+        calls.append((draw, (*beside, paths), _paths(folder, "boxplots_by_path", sizes.forms_beside)))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}
     for of_sheet in _drawn(calls, pool):
         files |= of_sheet
     write_new_files(files)
     return list(files)
+
+
+def _paths(folder: Path, name: str, forms: Sequence[str]) -> list[Path]:
+    return [folder / f"{name}.{form}" for form in forms]
 
 
 def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[dict[Path, bytes]]:
@@ -175,18 +191,28 @@ def _drawn(calls: Sequence[tuple], pool: Executor | None) -> Iterator[dict[Path,
         yield mine[i] if i in mine else waiting[i].result() if waiting else _sheet(*call)
 
 
-def _sheet(
-    trials: Trials, metrics: Sequence[Metric], width: float, note: str, view: View, paths: Sequence[Path]
-) -> dict[Path, bytes]:
+def _sheet(drawing: Callable[..., Figure], given: Sequence[Any], paths: Sequence[Path]) -> dict[Path, bytes]:
     """One figure as its files."""
-    figure = draw(trials, metrics, width, note, view)
+    figure = drawing(*given)
     return {path: figure_bytes(figure, path.suffix[1:]) for path in paths}
 
 
-def draw(trials: Trials, metrics: Sequence[Metric], width_in: float, note: str, view: View) -> Figure:
-    """One figure with a panel for each metric."""
+def draw(
+    trials: Trials, note: str, view: View, metrics: Sequence[Metric], width_in: float, paths: Sequence[int] = ()
+) -> Figure:
+    """One figure with a panel for each metric; paths: a row of panels for each of these, of its trials alone."""
     shown = controllers_shown(trials, view.names)
-    found = [pooled(trials, metric, view) for metric in metrics]
+    found = [[pooled(trials, metric, view) for metric in metrics]]
+    if paths:
+        of_paths = [(f", path {path}", trials[trials["segment"] == path]) for path in paths]
+        found = [
+            [
+                pooled(part, metric, view)._replace(title=f"{metric.title}{name}", reach=whole.highest)
+                for metric, whole in zip(metrics, found[0], strict=True)
+            ]
+            for name, part in of_paths
+        ]
+    every = [chart for row in found for chart in row]
     inside = width_in - LEFT_IN - RIGHT_IN
     each = (inside - BETWEEN_IN * (len(metrics) - 1)) / len(metrics)
     lines_of_names = [name.splitlines() for name in shown.values()]
@@ -195,36 +221,67 @@ def draw(trials: Trials, metrics: Sequence[Metric], width_in: float, note: str, 
     slanted = longest > each / max(len(shown), 1)
     # what names need besides two lines
     room = longest * math.sin(math.radians(SLANT_DEG)) - LABEL_IN if slanted else LABEL_IN * max(0, names - 2)
-    top = TOP_IN + LABEL_IN * max(title_of(chart, each).count("\n") for chart in found)
-    width, height = width_in, min(4.5, 0.6 * each + 2.6) + room
-    counts = {placed.box.n for chart in found for placed in chart.boxes}
+    top = TOP_IN + LABEL_IN * max(title_of(chart, each).count("\n") for chart in every)
+    counts = {placed.box.n for chart in every for placed in chart.boxes}
     texts = (_method(counts), left_out(trials, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int(inside * CHARACTERS_PER_INCH))]
-    bottom = 0.66 + LABEL_LINE_IN * len(lines) + room
+    bottom = UNDER_IN + LABEL_LINE_IN * len(lines) + room
+    high = min(4.5, 0.6 * each + 2.6) + room - top - bottom  # of a panel
+    step = high + UNDER_IN + room + top - 0.25  # from a row to the one under it
+    width, height = width_in, top + high + bottom + step * (len(found) - 1)
     with matplotlib.rc_context(STYLE):
         figure = new_figure(width, height)
-        for i, chart in enumerate(found):
-            place = (LEFT_IN + i * (each + BETWEEN_IN), bottom, each, height - top - bottom)
+        for at, chart in enumerate(every):
+            down, across = divmod(at, len(metrics))
+            place = (LEFT_IN + across * (each + BETWEEN_IN), height - top - high - down * step, each, high)
             axes = figure.add_axes(tuple(np.divide(place, (width, height, width, height))))
             _draw_panel(axes, chart, show_counts=len(counts) > 1, slanted=slanted)
-        if len(view.configurations) > 1:
-            handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in view.configurations]
-            for patch, look in zip(handles, map(view.look, view.configurations), strict=True):
-                patch.set(facecolor="white" if look else QUIET, hatch=HATCHES[look])
-            legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4)
+        handles = [*device_handles(view), *([] if paths else path_handles(every))]
+        if handles:
+            narrow = (
+                {"fontsize": SMALL, "columnspacing": 0.8, "handletextpad": 0.4}
+                if width_in < PAGE_IN / 2.0 + 1.0
+                else {}
+            )
+            legend_at(figure, handles, LEFT_IN, 0.12, handlelength=1.4, **narrow)
         small_print(figure, lines, LEFT_IN, line_in=LABEL_LINE_IN)
     return figure
+
+
+def device_handles(view: View) -> list[Patch]:
+    """How the boxes of each device are drawn, for a legend; of one device there is nothing to tell."""
+    if len(view.configurations) < 2:
+        return []
+    handles = [Patch(edgecolor=QUIET, label=name, linewidth=1.2) for name in view.configurations]
+    for patch, look in zip(handles, map(view.look, view.configurations), strict=True):
+        patch.set(facecolor="white" if look else QUIET, hatch=HATCHES[look])
+    return handles
+
+
+def path_handles(shown: Sequence[Chart]) -> list[Line2D]:
+    """The marker of each path, for a legend; of one path there is nothing to tell, and more have no room."""
+    paths = paths_of(shown)
+    if not 1 < len(paths) <= len(MARKERS):
+        return []
+    return [
+        Line2D([], [], marker=marker_of(path), ls="", mfc="white", mec=QUIET, ms=5.0, label=f"path {path}")
+        for path in paths
+    ]
+
+
+def marker_of(path: int) -> str:
+    """The marker of a path's points; that of the sixth path is as the first's."""
+    return MARKERS[(path - 1) % len(MARKERS)]
 
 
 def _method(counts: set[int]) -> str:
     """How the boxes are drawn, for the caption; counts: their numbers of trials."""
     if counts == {1}:
-        return "1 trial per box, drawn as a square."
-    trials = f"{min(counts)} trials per box." if len(counts) == 1 else "Under each box: the number of its trials."
-    single = "A square: one trial alone. " if 1 in counts else ""
+        return "1 trial per box: its point alone."
+    trials = f"{min(counts)} trials per box" if len(counts) == 1 else "Under each box: the number of its trials"
     return (
-        f"{trials} {single}Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "
-        f"Whiskers: furthest trial within {WHISKER:g} box lengths. Circles: trials beyond."
+        f"{trials}, each a point. Line: median. Box: quartiles (NumPy's '{QUARTILE_METHOD}' method). "
+        f"Whiskers: furthest trial within {WHISKER:g} box lengths."
     )
 
 
@@ -250,15 +307,17 @@ def _draw_panel(axes: Axes, chart: Chart, show_counts: bool, slanted: bool) -> N
 
 
 def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
-    for at in chart.boxes:
-        box = at.box._replace(outliers=()) if chart.points else at.box  # they are among the points
-        draw_box(axes, box, at.x, 2.0 * at.half, colour_of(at.controller), at.look)
-    for controller, look in {(point.controller, point.look): None for point in chart.points}:
-        group = [p for p in chart.points if (p.controller, p.look) == (controller, look)]
-        colour = colour_of(controller)
-        face = colour if look == 0 and not chart.boxes else "white"  # else boxes would swallow it
-        look_of_it: dict[str, Any] = {"edgecolors": colour, "linewidths": 0.8, "marker": marker_of(controller)}
-        axes.scatter([p.x for p in group], [p.y for p in group], 9.0, face, zorder=5, **look_of_it)
+    for placed in chart.boxes:
+        if placed.box.n > 1:  # else its point says all
+            draw_box(axes, placed, colour_of(placed.controller, chart.colours))
+    for controller, look, path in {(p.controller, p.look, p.row and p.row.segment): None for p in chart.points}:
+        group = [p for p in chart.points if (p.controller, p.look, p.row and p.row.segment) == (controller, look, path)]
+        colour = colour_of(controller, chart.colours)
+        marker = marker_of(path) if path else "o"
+        face, edge = ("white", colour) if look else (colour, "white")
+        size = max(POINT_PT2 / math.sqrt(max(1.0, len(group) / 20.0)), 4.0)
+        shape: dict[str, Any] = {"marker": marker, "edgecolors": edge, "linewidths": 0.6, "zorder": 5}
+        axes.scatter([p.x for p in group], [p.y for p in group], size, face, **shape)
     axes.scatter([p.x for p in chart.others], [p.y for p in chart.others], 16.0, QUIET, marker="+", zorder=5)
     above = axes.get_xaxis_transform()
     late = [p.x for p in chart.timeouts]
@@ -288,27 +347,19 @@ def title_of(chart: Chart, width_in: float) -> str:
     )
 
 
-def colour_of(controller: int | str) -> str:
-    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
-    return QUIET if isinstance(controller, str) else ON_LIGHT[(controller - 1) % len(ON_LIGHT)]
-
-
-def marker_of(controller: int | str) -> str:
-    """The marker of a point: one of Table I's five, which begin again; a code has none of its own."""
-    return "o" if isinstance(controller, str) else MARKERS[(controller - 1) % len(MARKERS)]
-
-
-def draw_box(axes: Axes, box: Box, x: float, width: float, colour: str, look: int) -> None:
-    """Our choice: one trial, whose box would be a line and neither filled nor open, is a square that is."""
-    face = "white" if look else colour
-    if box.n == 1:
-        axes.plot([x], [box.median], "s", markersize=7.0, mfc=face, mec=colour, mew=1.3, zorder=4)
-        return
-    body: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[look], "linewidth": 1.3}
+def draw_box(axes: Axes, placed: PlacedBox, colour: str) -> None:
+    """The box of several trials; their points are drawn over it."""
+    box, x, width = placed.box, placed.x, 2.0 * placed.half
+    face = "white" if placed.look else shade_of(colour)
+    body: dict[str, Any] = {"facecolor": face, "edgecolor": colour, "hatch": HATCHES[placed.look], "linewidth": 1.3}
     axes.bar(x, box.q3 - box.q1, width, box.q1, zorder=3, **body)
     axes.vlines([x, x], [box.low, box.q3], [box.q1, box.high], colors=colour, linewidth=1.2, zorder=2)
     axes.hlines([box.low, box.high], x - width / 4, x + width / 4, colors=colour, linewidth=1.2, zorder=2)
     seen: dict[str, Any] = {"linewidth": 1.6, "path_effects": [withStroke(linewidth=2.8, foreground="white")]}
     axes.hlines(box.median, x - width / 2, x + width / 2, colors=TEXT, zorder=4, **seen)
-    if box.outliers:
-        axes.plot([x] * len(box.outliers), box.outliers, "o", markersize=4.0, mfc="none", mec=colour, mew=1.1, zorder=3)
+
+
+def shade_of(colour: str) -> tuple[float, float, float]:
+    """A colour in which its own points and the median can be seen."""
+    red, green, blue = to_rgb(colour)
+    return tuple(FILL * part + 1.0 - FILL for part in (red, green, blue))  # type: ignore[return-value]

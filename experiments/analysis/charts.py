@@ -99,6 +99,7 @@ class Chart(NamedTuple):
     boxes: tuple[PlacedBox, ...] = ()
     curve: tuple[tuple[float, float], ...] = ()
     reach: float = 0.0  # up to where the scale goes at least
+    colours: Mapping[Controller, int] = {}  # as `View.colours`
 
     @property
     def highest(self) -> float:
@@ -122,6 +123,7 @@ class View(NamedTuple):
     timeouts: bool = False  # in boxes and statistics
     logarithmic: bool = False
     measures: tuple[Metric, ...] = DRAWN  # a chart each
+    colours: Mapping[Controller, int] = {}  # controller -> the place of its colour; a code has none
 
     def look(self, configuration: str) -> int:
         """The index in `LOOKS` of a configuration."""
@@ -225,8 +227,8 @@ def charts(page: str, trials: Trials, view: View, answers: Sequence[AnswerSet] =
 
 
 def pooled(trials: Trials, metric: Metric, view: View) -> Chart:
-    """Boxes alone, as in Figs. 16 to 18 of the paper: of each controller in each configuration that has a trial."""
-    return _pooled(trials, metric, view, least=1)._replace(points=(), others=())
+    """Boxes as in Figs. 16 to 18 of the paper: of each controller in each configuration that has a trial."""
+    return _pooled(trials, metric, view, least=1)._replace(others=())
 
 
 def boxes(
@@ -356,7 +358,7 @@ def _chart(page: str, trials: Trials, metric: Metric, view: View, x: Callable[[T
     content = metric.figure.partition("_")[2]
     return Chart(
         content if page == POOLED else f"{content}_{page}", metric.title, metric.shown_unit, (), "", (0.0, 1.0),
-        points(to_compare(measured, view.timeouts)), points(late), points(others),
+        points(to_compare(measured, view.timeouts)), points(late), points(others), colours=view.colours,
     )  # fmt: skip
 
 
@@ -381,7 +383,12 @@ def _questionnaire(answers: Sequence[AnswerSet], view: View) -> Chart:
     span = (-0.5, len(questions) - 0.5)
     points = tuple(point for _, point in placed)
     title = "Answers to the questionnaire"
-    return Chart(QUESTIONS, title, "0 to 100", ticks, "", span, points, boxes=boxes, reach=100.0)
+    return Chart(QUESTIONS, title, "0 to 100", ticks, "", span, points, (), (), boxes, (), 100.0, view.colours)
+
+
+def paths_of(shown: Iterable[Chart]) -> list[int]:
+    """The paths whose trials are points of these charts."""
+    return sorted({p.row.segment for chart in shown for p in (*chart.points, *chart.timeouts) if p.row is not None})
 
 
 def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:

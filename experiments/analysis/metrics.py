@@ -77,12 +77,12 @@ METRICS = (
         shown_unit="mm", scale=1e3, stands_for="accuracy",
     ),
     Metric(
-        "mean_tip_force_N", "N", "Mean tip force", "force over time", "magnitude of the hand force, averaged over time",
+        "mean_tip_force_N", "N", "Mean tip force", "mean tip force", "magnitude of the hand force, averaged over time",
         lambda m: float(np.mean(m.force)),
         shown_unit="N", figure="fig17_tip_force", stands_for="force", compared=True, needs_progress=False,
     ),
     Metric(
-        "acceleration_dft_sum", "m/s^2", "Acceleration, weighted DFT sum", "acceleration DFT sum",
+        "acceleration_dft_sum", "m/s^2", "DFT of acceleration", "DFT of acceleration",
         "sum over the frequencies up to 100 Hz of (f / 1 Hz) times the amplitude of the acceleration, which comes from "
         "positions filtered at 20 Hz: it sees little above that",
         lambda m: amplitude_sum(m.weighted),
@@ -168,7 +168,7 @@ METRICS = (
         needs_progress=False,
     ),
     Metric(
-        "acceleration_exact_dft_sum", "m/s^2", "Acceleration to 100 Hz, weighted DFT sum", "DFT sum to 100 Hz",
+        "acceleration_exact_dft_sum", "m/s^2", "DFT of acceleration to 100 Hz", "DFT of acceleration to 100 Hz",
         "acceleration_dft_sum of the simulator's own acceleration: it sees vibration up to 100 Hz, which the filter of "
         "20 Hz on position hides; none on a real device, which has no accelerometer",
         lambda m: amplitude_sum(weighted_amplitudes(m.exact_acceleration)),
@@ -188,8 +188,8 @@ METRICS = (
         needs_progress=False, tells_controller=True,
     ),
     Metric(
-        "acceleration_dft_sum_ramp_removed", "m/s^2", "Acceleration, weighted DFT sum, ramp removed",
-        "DFT sum, ramp removed",
+        "acceleration_dft_sum_ramp_removed", "m/s^2", "DFT of acceleration, ramp removed",
+        "DFT of acceleration, ramp removed",
         "acceleration_dft_sum less the straight line between the first and the last sample of the acceleration: "
         "without the jump from the end of the movement to its start, which the DFT takes for vibration",
         lambda m: amplitude_sum(weighted_amplitudes(without_ramp(m.acceleration))),

@@ -1,4 +1,4 @@
-"""What a study leaves to read: findings.csv, statistics.csv, participant_means.csv and report.md.
+"""What a study leaves to read: findings.csv, statistics.csv, participant_means.csv, by_path.csv and report.md.
 
 The page is `report_template.md` filled in with `report_tables` and `report_sentences`; the same rows and note give the
 same bytes.
@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 
 from core.files import InputError
-from experiments.analysis import report_sentences, report_tables
+from experiments.analysis import by_path, report_sentences, report_tables
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, box_findings_of, findings, why_no_findings
 from experiments.analysis.sensitivity import Read, sensitivity
 from experiments.analysis.simulation_errors import HAND, STEP, Moved, error_sentence, error_table
@@ -30,6 +30,7 @@ from experiments.analysis.trials_table import (
     Trials,
     controllers_of,
     csv_bytes,
+    frame_bytes,
     is_coded,
     own_columns,
     to_compare,
@@ -73,7 +74,9 @@ def write_report(
         "coded": refusal if coded else "",
         "findings": report_tables.findings_table(found, by_boxes),
     }
-    files = {"participant_means.csv": _means_csv(to_compare(trials, timeouts))}
+    of_paths = by_path.by_path(trials, data.labels, timeouts)
+    files = {"participant_means.csv": _means_csv(to_compare(trials, timeouts)), by_path.NAME: frame_bytes(of_paths)}
+    parts["by_path"] = by_path.by_path_table(of_paths, data.own)
     if not coded:
         none = _uncontrolled(data)
         results = [*statistics(trials, timeouts), *sensitivity(trials, read, timeouts, none or 0)]

@@ -163,7 +163,7 @@ def _order(base: Result, others: Sequence[Result], names: Mapping[int, str]) -> 
 def _measure(definition: str) -> str:
     """A measure, or another definition of one ("dft_sum, Hann window"), in a sentence."""
     name, comma, how = definition.partition(", ")
-    short = BY_NAME[name].short if name in BY_NAME else name.replace("dft_sum", "DFT sum")
+    short = BY_NAME[name].short if name in BY_NAME else name.replace("dft_sum", "DFT of acceleration")
     return f"{short}{comma}{how}"
 
 

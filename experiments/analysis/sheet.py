@@ -2,7 +2,7 @@
 
 import io
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -22,6 +22,9 @@ SHADED = "#e7ebef"
 COLUMN_IN, PAGE_IN = 3.5, 7.0  # widths of a figure in a journal
 SMALL, MIDDLE, TITLE = 7.0, 8.0, 9.0  # points: what journals ask for at these widths, and no other
 LINE_IN, CHARACTERS_PER_INCH = 0.15, 18.5  # of the small print
+LETTER_IN = 0.059  # inches: of a letter of small text; about
+#: The bodies of the first device, the second, ..: as `charts.LOOKS`.
+HATCHES = ("", "", "/////", ".....")
 CM = 100.0  # cm in a metre: the paper's figures are in cm
 PNG_DPI = 200
 
@@ -142,6 +145,12 @@ def plain_3d(axes: Any) -> None:
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color("white")
         axis._axinfo["grid"].update(color=LINE, linewidth=0.6)
+
+
+def colour_of(controller: int | str, places: Mapping[int | str, int]) -> str:
+    """The controller's own colour; a code of a blind session has none."""
+    place = places.get(controller)
+    return QUIET if place is None else ON_LIGHT[place]
 
 
 def heading(figure: Figure, words: str, handles: Sequence[Any] = (), **legend: Any) -> None:

@@ -15,11 +15,13 @@ from matplotlib.figure import Figure
 
 from core import tick_log
 from core.files import InputError
+from experiments.analysis import by_path
 from experiments.analysis.chart_figures import draw_chart, draw_charts
 from experiments.analysis.charts import ORDER, POOLED, Chart, View, charts, left_out, legend
+from experiments.analysis.colours import colour_places
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import QUIET, STYLE, new_figure
-from experiments.analysis.trials_table import STATUSES, Trials, as_rows, as_table, to_compare, write_table
+from experiments.analysis.trials_table import STATUSES, Trials, as_rows, as_table, frame_bytes, to_compare, write_table
 from experiments.atomic_files import new_folders, reason_of, write_new_file
 from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Results, ResultsJob, read_results
@@ -68,6 +70,8 @@ def write_results(job: ResultsJob, progress: Progress = no_progress) -> int:
             else:
                 shown = charts(job.page, job.trials, job.view, job.answers)
                 draw_charts(shown, job.trials, folder, job.note, job.view, progress)
+                of_paths = by_path.by_path(job.trials, job.view.names, job.view.timeouts)
+                write_new_file(folder / by_path.NAME, frame_bytes(of_paths))
                 write_table(folder / TABLE, as_table(row.in_folder(data_dir) for row in as_rows(job.trials)))
                 write_answers_and_notes(folder, *answers_and_notes(job.sessions))
             return len(list(folder.iterdir()))
@@ -87,7 +91,8 @@ def write_session_report(session: Path, out: Path) -> None:
     with matplotlib.rc_context(STYLE), PdfPages(sink, metadata={"CreationDate": None, "Producer": None}) as pdf:
         for figure in _text_pages(lines):
             pdf.savefig(figure)
-        view = View(results.configurations, results.labels, results.lengths)
+        colours = colour_places(results.controllers)
+        view = View(results.configurations, results.labels, results.lengths, colours=colours)
         for title, page in (("Measures by controller", POOLED), ("Measures in the order of the trials", ORDER)):
             pdf.savefig(_figure_page(title, charts(page, results.trials, view), results, view))
     write_new_file(out, sink.getvalue())

@@ -16,6 +16,7 @@ from core.mechanism import JOINTS
 from core.obstacles import ObstacleFile
 from core.path import Path as Way
 from core.path import PathFile, Segment, build_path, path_from
+from experiments.analysis.colours import colour_places
 from experiments.analysis.trials_table import Controller, TrialRow, is_code
 from experiments.recording import TEXT_COLUMNS, Recording, recording_columns
 from experiments.store.files import rows_of
@@ -43,6 +44,7 @@ class Playback:
     excluded: str  # the reason for which it is in no result; "": it is not excluded
     decisions: tuple[str, ...]  # words of the column
     controllers: dict[Controller, str]  # of its protocol
+    colour: int | None  # the place of its controller's colour; None: a code has none
 
     @property
     def t(self) -> np.ndarray:
@@ -81,6 +83,7 @@ def read_playback(path: Path) -> Playback:
         excluded=exclusion_of(session, row.run) if row is not None and row.status == EXCLUDED.name else "",
         decisions=recording.words["decision"],
         controllers=controllers,
+        colour=colour_places(stored.protocol.controllers).get(controller),
     )
 
 

@@ -22,7 +22,7 @@ from sessions import closed_session
 
 from app.ipc import messages as m
 from app.window.analyse.analyse_page import FINDINGS, AnalysePage
-from app.window.analyse.box_plot import ChartPlot, colour_of
+from app.window.analyse.box_plot import ChartPlot
 from app.window.analyse.verdicts import Differences, as_printed
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE
@@ -179,7 +179,7 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
         put_session(data, who, rows)
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
-    assert colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
+    assert page.plots[0].colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
     page.show_page(FINDINGS)
     qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
     assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found

@@ -153,7 +153,11 @@ def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, con
     assert "The controllers are coded" in report
     names = [preset.name for preset in PAPER.controllers.values() if preset.name != "None"]
     assert not any(name in report for name in names)
-    assert {path.name for path in (tmp_path / "out" / "report").iterdir()} == {"participant_means.csv", "report.md"}
+    assert {path.name for path in (tmp_path / "out" / "report").iterdir()} == {
+        "by_path.csv",
+        "participant_means.csv",
+        "report.md",
+    }
     svg = (tmp_path / "out" / "figures" / "fig16_path_error.svg").read_text()
     assert svg and not any(f"<!-- {name}" in svg for name in names)
     assert ">K2<" in svg

@@ -29,6 +29,10 @@ LONG = {1: label("None"), 2: label("A wall of the softest kind that there is, wi
 finite = st.floats(-1e6, 1e6).map(lambda value: round(value, 6))
 
 
+def view_of(labels, **more):
+    return View(BOTH, labels, colours={number: number - 1 for number in labels}, **more)
+
+
 def study(participants=3, blocks=(1, 2, 3), segments=(1, 2), controllers=range(1, 6)):
     generator = np.random.default_rng(0)
     return [
@@ -82,11 +86,14 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(fine_prints, tmp_path):
     rows = study()
     paths = draw_boxplots(study_data(rows, NOTE), tmp_path / "a")
-    names = {metric.figure for metric in FIGURES}
+    names = {metric.figure for metric in FIGURES} | {"error_against_force"}
     assert names >= {"fig16_path_error", "fig17_tip_force", "fig18_acceleration_dft_sum"}  # the paper's
-    wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {"boxplots.png"}
+    wanted = {f"{name}.{form}" for name in names for form in ("png", "svg", "pdf")} | {
+        "boxplots.png",
+        "boxplots_by_path.png",
+    }
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "a").iterdir()} == wanted
-    figure = draw(as_table(rows), DRAWN[:1], 6.4, NOTE, View(BOTH, LABELS))
+    figure = draw(as_table(rows), NOTE, view_of(LABELS), DRAWN[:1], 6.4)
     for path in paths:
         if path.stem == FIGURES[0].figure:
             assert path.read_bytes() == figure_bytes(figure, path.suffix[1:]), path.name
@@ -103,12 +110,12 @@ def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_ti
 
 def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path):
     written = draw_boxplots(study_data(study(1), protocol="mine"), tmp_path / "out")
-    assert written[0].stem == "path_error" and not any("fig" in path.stem for path in written)
+    assert "path_error" in {path.stem for path in written} and not any("fig" in path.stem for path in written)
 
 
 def drawn(rows, **more):
     """Path error: the figure, and all that stands under it."""
-    figure = draw(as_table(rows), DRAWN[:1], 6.4, NOTE, View(BOTH, LONG, **more))
+    figure = draw(as_table(rows), NOTE, view_of(LONG, **more), DRAWN[:1], 6.4)
     return figure, " ".join(text.get_text() for text in figure.texts)
 
 
@@ -119,7 +126,7 @@ def test_every_figure_says_what_it_shows_and_with_what_it_was_made_and_a_measure
         for words in (trials, "'linear'", "1.5 box lengths", NOTE):
             assert words in foot, words
         assert figure.axes[0].get_title(loc="left") == "Path error (mm)"
-        assert [text.get_text() for text in figure.legends[0].get_texts()] == list(BOTH)
+        assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == list(BOTH)
     figure, _ = drawn([with_measures(row, path_error_m=None) for row in study(1, controllers=(1, 2))])
     assert not figure.axes[0].patches and not figure.axes[0].lines
 
@@ -133,10 +140,45 @@ def test_the_longest_name_of_a_controller_ends_above_the_footnote():
     assert len(names) > 5 and min(name.y0 for name in names) > max(line.y1 for line in foot)
 
 
-def test_one_trial_is_a_square_filled_or_open_as_the_legend_says():
+def marks(axes):
+    """Of the points: marker's corners, face and place."""
+    return [
+        (len(points.get_paths()[0].vertices), to_hex(points.get_facecolors()[0]), tuple(place))
+        for points in axes.collections if isinstance(points, PathCollection) for place in points.get_offsets()
+    ]  # fmt: skip
+
+
+def test_a_trial_alone_is_its_point_filled_or_open_as_the_legend_says():
     one = study(1, blocks=(1,), segments=(1,), controllers=(1, 2))
     figure, foot = drawn(one)
-    faces = [line.get_markerfacecolor() for line in figure.axes[0].lines if line.get_marker() == "s"]
-    assert len(faces) == 4 and faces.count("white") == 2 and not figure.axes[0].patches
-    assert "1 trial per box" in foot and "square" in foot
-    assert not [line for line in drawn(one + one)[0].axes[0].lines if line.get_marker() == "s"]
+    faces = [face for _, face, _ in marks(figure.axes[0])]
+    assert len(faces) == 4 and faces.count("#ffffff") == 2 and not figure.axes[0].patches
+    assert "1 trial per box: its point alone." in foot
+
+
+def test_points_tell_the_paths_apart_by_their_shape_and_stand_where_their_trials_are():
+    rows = study(controllers=(1, 2))
+    figure, _ = drawn(rows)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == [*BOTH, "path 1", "path 2"]
+    found = marks(figure.axes[0])
+    corners = sorted({corner for corner, _, _ in found})
+    for corner, path in zip(corners, (2, 1), strict=True):  # a triangle has fewer than a circle
+        heights = sorted(y for of, _, (_, y) in found if of == corner)
+        assert heights == pytest.approx(sorted(1e3 * row.value("path_error_m") for row in rows if row.segment == path))
+    alone, _ = drawn([row for row in rows if row.segment == 2])
+    assert [text.get_text() for text in alone.legends[0].get_texts()] == list(BOTH)
+    assert {corner for corner, _, _ in marks(alone.axes[0])} == {corners[0]}, "a path keeps its shape"
+
+
+def test_a_second_figure_has_a_panel_for_each_path_with_its_trials_alone_on_one_scale():
+    rows = study(controllers=(1, 2))
+    figure = draw(as_table(rows), NOTE, view_of(LABELS), DRAWN[:2], 7.0, [1, 2])
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == [
+        "Path error, path 1 (mm)", "Mean tip force, path 1 (N)", "Path error, path 2 (mm)", "Mean tip force, path 2 (N)"
+    ]  # fmt: skip
+    for axes, path in ((figure.axes[0], 1), (figure.axes[2], 2)):
+        heights = sorted(y for _, _, (_, y) in marks(axes))
+        assert heights == pytest.approx(sorted(1e3 * row.value("path_error_m") for row in rows if row.segment == path))
+    assert figure.axes[0].get_ylim() == figure.axes[2].get_ylim()

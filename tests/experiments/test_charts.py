@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_client import PLAN, result
+from matplotlib.lines import Line2D
 from protocols import short
 from sessions import new_session, run_trials
 
 from core.files import InputError
-from experiments.analysis.chart_figures import chart_figure, colour_of
+from experiments.analysis.chart_figures import chart_figure
 from experiments.analysis.charts import (
     LEAST_IN_A_BOX,
     ORDER,
@@ -24,6 +25,7 @@ from experiments.analysis.charts import (
     left_out,
     legend,
 )
+from experiments.analysis.sheet import colour_of
 from experiments.analysis.trials_table import as_table
 from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
@@ -35,6 +37,7 @@ from tests.support.rows import put_session, with_measures, write_rows
 
 DEVICES = ("three-brake", "four-brake")
 VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
+VIEW = VIEW._replace(colours={number: number - 1 for number in range(1, 6)})
 
 
 def study():
@@ -124,7 +127,8 @@ def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controll
     assert all(f" · {view.name(point.row.controller)} · run {point.row.run} · " in point.text for point in chart.points)
     (key,) = chart_figure(chart, as_table(rows), "", view).legends
     looks = {text.get_text(): dot.get_color() for text, dot in zip(key.get_texts(), key.get_lines(), strict=True)}
-    assert looks == {name: colour_of(controller) for controller, name in named.items()}
+    assert [looks.pop(f"path {path}") for path in (1, 2)] == 2 * [Line2D([], []).get_color()], "of no controller"
+    assert looks == {name: colour_of(controller, view.colours) for controller, name in named.items()}
     coded = [replace(row, controller=f"K{row.controller}") for row in rows]
     assert coloured(charts(page, as_table(coded), view), view) == {}
     assert not chart_figure(charts(page, as_table(coded), view)[0], as_table(coded), "", view).legends
@@ -187,7 +191,7 @@ def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
 def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_over_anything(tmp_path, page, name):
     rows = tuple(study())
     job = ResultsJob(page, as_table(rows), (), VIEW, "a note", tmp_path, (), first_free(tmp_path, "results"))
-    assert write_results(job) == 10
+    assert write_results(job) == 11
     there = {path.name for path in job.folder.iterdir()}
     assert {f"{name}.{form}" for form in ("png", "svg", "pdf")} <= there and not any("fig" in one for one in there)
     with pytest.raises(InputError, match="is not empty"):

@@ -303,7 +303,13 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     data = study_data(rows, note="settled rules, parameters assumed")
     assert write_report(data, tmp_path / "a") == []
     paths = sorted((tmp_path / "a").iterdir())
-    assert [p.name for p in paths] == ["findings.csv", "participant_means.csv", "report.md", "statistics.csv"]
+    assert [p.name for p in paths] == [
+        "by_path.csv",
+        "findings.csv",
+        "participant_means.csv",
+        "report.md",
+        "statistics.csv",
+    ]
     write_report(data, tmp_path / "b")
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()

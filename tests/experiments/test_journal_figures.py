@@ -9,18 +9,16 @@ import pytest
 from matplotlib.text import Text
 from protocols import study_data
 from refusals import refusal
-from test_boxplots import LABELS, NOTE, study
+from test_boxplots import LABELS, NOTE, study, view_of
 
 from app.cli import main
 from core.device import load_device
 from experiments.analysis.chart_figures import JOURNAL, SCREEN, draw, draw_boxplots
-from experiments.analysis.charts import View
 from experiments.analysis.metrics import BY_NAME, DRAWN
 from experiments.analysis.sheet import COLUMN_IN, PAGE_IN, STYLE, figure_bytes
 from experiments.analysis.trials_table import as_table
 from experiments.paper_figures import pictures
 
-BOTH = ("three-brake", "four-brake")
 SLOW = ("displays", "fig11", "passive_master", "stopping_distance")  # simulated
 QUICK = [p for p in pictures([load_device("four-brake")]) if not p.name.startswith(SLOW)]
 
@@ -40,7 +38,7 @@ def test_the_papers_figures_have_a_width_and_text_that_a_journal_takes(picture):
 @pytest.mark.parametrize(("metrics", "width"), [([DRAWN[2]], COLUMN_IN), (DRAWN, PAGE_IN)])
 def test_box_plots_for_a_journal_have_no_text_outside_or_over_another(metrics, width):
     rows = study()
-    figure = draw(as_table(rows), [BY_NAME[metric.name] for metric in metrics], width, NOTE, View(BOTH, LABELS))
+    figure = draw(as_table(rows), NOTE, view_of(LABELS), [BY_NAME[metric.name] for metric in metrics], width)
     with matplotlib.rc_context(STYLE):
         figure.draw_without_rendering()
     shown = texts_of(figure)
@@ -54,7 +52,7 @@ def test_box_plots_for_a_journal_have_no_text_outside_or_over_another(metrics, w
 
 @pytest.mark.usefixtures("fine_prints")
 def test_text_is_text_in_svg_and_fonts_in_pdf():
-    figure = draw(as_table(study(1)), [DRAWN[0]], COLUMN_IN, NOTE, View(BOTH, LABELS))
+    figure = draw(as_table(study(1)), NOTE, view_of(LABELS), [DRAWN[0]], COLUMN_IN)
     svg = figure_bytes(figure, "svg").decode()
     assert "<text" in svg and "Path error (mm)" in svg and NOTE.split()[0] in svg
     pdf = figure_bytes(figure, "pdf")

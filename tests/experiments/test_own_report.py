@@ -41,7 +41,7 @@ def test_a_report_of_ones_own_experiment_compares_its_controllers_by_name(tmp_pa
     assert "| path error (mm) | three-brake | Soft guide - Free | " in text and "## Against no control" in text
     wanted = "mean_tip_force_N", "hodges_lehmann", "three-brake"
     (found,) = [r for r in statistics(trials) if (r.measure, r.statistic, r.configuration) == wanted]
-    (line,) = [one for one in text.splitlines() if one.startswith("| force over time (N) | three-brake | Soft")]
+    (line,) = [one for one in text.splitlines() if one.startswith("| mean tip force (N) | three-brake | Soft")]
     assert f"{found.value:+.2f} ({found.low:+.2f} to {found.high:+.2f})" in line
     assert line.endswith(f"| {found.p_holm:.3f} |")
 

@@ -353,7 +353,7 @@ def test_a_hann_window_keeps_the_mean_square_of_a_steady_vibration_and_the_react
         for s in sentences(sensitivity(as_table([trial]), lambda name: read_recording(tmp_path / name)))
         if "1 mm" in s
     ]
-    assert "41 % of the movement" in said and "force over time +36 %" in said
+    assert "41 % of the movement" in said and "mean tip force +36 %" in said
 
 
 def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each_definition_on_each_device():

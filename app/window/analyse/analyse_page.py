@@ -32,7 +32,7 @@ from app.window.widgets.parts import (
     toggle,
     wrapped_label,
 )
-from app.window.widgets.theme import COLOURS, colour_of
+from app.window.widgets.theme import COLOURS, colour_at, colour_of
 from app.window.widgets.words import data_folder_of, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
@@ -48,6 +48,7 @@ from experiments.analysis.charts import (
     left_out,
     legend,
 )
+from experiments.analysis.colours import colour_places
 from experiments.analysis.metrics import DRAWN
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow, Trials, as_rows
@@ -249,7 +250,8 @@ class AnalysePage(Page):
         on = self.timeouts.isChecked(), self.logarithmic.isChecked()
         measures = tuple(metric for metric in (*DRAWN, *results.own) if metric.name in self.measures.chosen)
         shown = measures[:MOST_CHARTS] or DRAWN
-        return View(devices or results.configurations, results.labels, results.lengths, *on, shown)
+        colours = colour_places(results.controllers)
+        return View(devices or results.configurations, results.labels, results.lengths, *on, shown, colours)
 
     def show_page(self, page: str) -> None:
         """One of `PAGES`."""
@@ -287,7 +289,11 @@ class AnalysePage(Page):
         named = {
             controller: escape(f" {name}").replace(" ", "\u00a0") for controller, name in coloured(shown, view).items()
         }
-        lines = [" &nbsp; ".join(in_colour("●", colour_of(controller)) + name for controller, name in named.items())]
+        lines = [
+            " &nbsp; ".join(
+                in_colour("●", colour_at(view.colours.get(controller))) + name for controller, name in named.items()
+            )
+        ]
         left = left_out(trials, *view.timeouts_on(shown[0])) if self.tabs.value() != QUESTIONS else ""
         for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
@@ -336,7 +342,7 @@ class AnalysePage(Page):
     def open_trial(self, row: TrialRow) -> None:
         """Beside the charts, and ringed in all of them."""
         self.chosen = row
-        self.side.show_row(row)
+        self.side.show_row(row, colour_of(row.controller, self.results.controllers if self.results else {}))
         if row.recording and self.results is not None:
             self._opening.ask(read_playback, self.results.folder / row.recording)
         self._show_side(True)

@@ -13,9 +13,9 @@ from PySide6.QtGui import QBrush, QPen
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine
 from app.window.widgets.plots import Plot
-from app.window.widgets.theme import COLOURS, colour_of, shade
+from app.window.widgets.theme import COLOURS, colour_at, shade
 from app.window.widgets.words import SHORT
-from experiments.analysis.charts import Chart, PlacedBox, Point
+from experiments.analysis.charts import Chart, Point
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
@@ -24,12 +24,12 @@ FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 
 
-def body_brush(placed: PlacedBox) -> QBrush:
+def body_brush(look: int, colour: str) -> QBrush:
     """The body of a box, as `charts.LOOKS`."""
     style = Qt.BrushStyle
     looks = (0.4, style.SolidPattern), (0.06, style.SolidPattern), (0.7, style.BDiagPattern), (0.7, style.Dense6Pattern)
-    alpha, pattern = looks[placed.look]
-    return QBrush(shade(colour_of(placed.controller), alpha), pattern)
+    alpha, pattern = looks[look]
+    return QBrush(shade(colour, alpha), pattern)
 
 
 class ChartPlot(Plot):
@@ -111,6 +111,10 @@ class ChartPlot(Plot):
         found = [m for m in marks if (row := m.data().row) is not None and (row.participant, row.run) == trial]
         self.ring.setData([{"pos": mark.pos(), "data": None} for mark in found])
 
+    def colour_of(self, controller: int | str) -> str:
+        """The controller's own colour; a code of a blind session has none."""
+        return colour_at(self.chart.colours.get(controller))
+
     def _decades(self, highest: float) -> list[tuple[float, str]]:
         """Ticks of a logarithmic axis: 1, 2 and 5 times the powers of ten."""
         least = min((point.y for point in self.chart.points if point.y > 0.0), default=0.1)
@@ -127,7 +131,7 @@ class ChartPlot(Plot):
 
     def _spot(self, point: Point) -> dict:
         counts = point.row is None or point.row.status in ("done", "timeout")
-        colour = colour_of(point.controller) if counts else COLOURS.quiet
+        colour = self.colour_of(point.controller) if counts else COLOURS.quiet
         return {
             "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX, "symbol": "o" if counts else "+",
             "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(COLOURS.panel if point.look else colour),
@@ -148,8 +152,8 @@ class ChartPlot(Plot):
         """All bodies in one item, whiskers and medians in one for each colour: hundreds of boxes cost no more."""
         boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self._logarithmic]
         ends = [self._scaled(np.array([b.box.low, b.box.q1, b.box.median, b.box.q3, b.box.high])) for b in boxes]
-        fill = [body_brush(b) for b in boxes]
-        pens = [pg.mkPen(colour_of(b.controller), width=1) for b in boxes]
+        fill = [body_brush(b.look, self.colour_of(b.controller)) for b in boxes]
+        pens = [pg.mkPen(self.colour_of(b.controller), width=1) for b in boxes]
         self.item.addItem(pg.BarGraphItem(
             x0=[b.x - b.half for b in boxes], x1=[b.x + b.half for b in boxes],
             y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=fill,
@@ -158,7 +162,7 @@ class ChartPlot(Plot):
             own_boxes = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
             x = [2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half] for b, _ in own_boxes]
             y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in own_boxes]
-            self._add_pairs(x, y, pg.mkPen(colour_of(controller), width=1))
+            self._add_pairs(x, y, pg.mkPen(self.colour_of(controller), width=1))
         middles = [2 * [y[2]] for y in ends]
         self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(COLOURS.handle, width=2))
 

@@ -26,7 +26,7 @@ from app.window.widgets.garbage import Collector
 from app.window.widgets.own_code import ask_own_code
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import NOTHING, start_of_hold
-from app.window.widgets.theme import COLOURS, colour_of, show_fitted
+from app.window.widgets.theme import COLOURS, colour_at, show_fitted
 from app.window.widgets.words import SHORT, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
@@ -153,7 +153,7 @@ class TrialView(Panel):
             return
         self.trial = trial
         row = trial.row
-        self.dot.setStyleSheet(f"color: {COLOURS.quiet if row is None else colour_of(row.controller)}")
+        self.dot.setStyleSheet(f"color: {colour_at(trial.colour)}")
         self.title.setText(trial.title)
         status = (
             f"{row.status if row is not None else 'in no table'}{' · damaged: some ticks are missing' * trial.damaged}"
@@ -177,9 +177,9 @@ class TrialView(Panel):
         self.beside.setEnabled(self.beside.count() > 1)
         self.go_to(float(trial.t[start_of_hold(trial.ticks)]))
 
-    def show_row(self, row: TrialRow) -> None:
-        """A trial is being read, or has no recording: its row is all there is."""
-        self.dot.setStyleSheet(f"color: {colour_of(row.controller)}")
+    def show_row(self, row: TrialRow, colour: str) -> None:
+        """A trial is being read, or has no recording: its row is all there is; colour: of its controller."""
+        self.dot.setStyleSheet(f"color: {colour}")
         self.title.setText(f"P{row.participant} run {row.run}")
         self.exclude.hide()
         if not row.recording:

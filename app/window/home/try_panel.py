@@ -52,5 +52,7 @@ class TryPanel(Panel):
             words = dict.fromkeys((feel(preset, protocol.controllers), preset.name))
             bar = Panel()
             bar.setFixedWidth(5)
-            bar.setStyleSheet(f"background: {theme.colour_of(number)}; border: none; border-radius: 2px")
+            bar.setStyleSheet(
+                f"background: {theme.colour_of(number, protocol.controllers)}; border: none; border-radius: 2px"
+            )
             self._guides.addLayout(row(bar, OneLine(PART.join(words), size=theme.NORMAL)))

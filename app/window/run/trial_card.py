@@ -102,7 +102,7 @@ class TrialCard(Panel):
         if self.row is None or row.run != self.row.run:
             self._since_s = time.perf_counter()
         self.row = row
-        colour = COLOURS.quiet if snapshot.blind else colour_of(row.controller)
+        colour = COLOURS.quiet if snapshot.blind else colour_of(row.controller, opened.protocol.controllers)
         counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
         here = [other for other in counted if other.configuration == row.configuration]
         same = [other for other in here if other.controller == row.controller]

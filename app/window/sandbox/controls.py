@@ -63,11 +63,11 @@ def brakes_of(device: str) -> str:
 class GuideButton(QPushButton):
     """A controller: what it feels like, its name, its key."""
 
-    def __init__(self, number: int, name: str, key: str) -> None:
+    def __init__(self, name: str, colour: str, key: str) -> None:
         super().__init__(objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS)
         self.key, self.feel, bar = key, text_label("", bold=True), QFrame()
         bar.setFixedWidth(5)
-        bar.setStyleSheet(f"background: {theme.colour_of(number)}")
+        bar.setStyleSheet(f"background: {colour}")
         self._name, self._beside = name, OneLine("", "quiet", theme.NORMAL)
         self.setLayout(row(bar, self.feel, self._beside, text_label(key, "quiet"), margins=(6, 0, 12, 0)))
         for part in self.findChildren(QWidget):
@@ -103,7 +103,8 @@ class Controls(QScrollArea):
         self._controllers = protocol.controllers
         parts: list[Part] = []  # from top to bottom
         for place, (number, preset) in enumerate(protocol.controllers.items(), start=1):
-            guide = self.guides[number] = GuideButton(number, preset.name, str(place) if place < 10 else "")
+            colour = theme.colour_of(number, protocol.controllers)
+            guide = self.guides[number] = GuideButton(preset.name, colour, str(place) if place < 10 else "")
             guide.show_feel(feel(preset, protocol.controllers))
             guide.clicked.connect(partial(self._choose, number))
             parts.append(guide)

@@ -90,7 +90,7 @@ class PassTable(QTableWidget):
         self.horizontalHeader().setVisible(bool(passes))
         for line, ended in enumerate(reversed(passes)):
             s, preset = ended.settings, preset_of(ended.settings, controllers)
-            colour = theme.colour_of(s.controller)
+            colour = theme.colour_of(s.controller, controllers)
             noted = " · changed" if ended.changed else " · time-out" if ended.status == "timeout" else ""
             set_to = (f"{dial.label.lower()} {grouped(dial.setting(s) * dial.scale)} {dial.unit}" for dial in dials)
             about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(set_to)}"

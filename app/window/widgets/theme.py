@@ -1,6 +1,7 @@
 """The look of every screen: palette, typeface, sizes."""
 
 import os
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +12,8 @@ from PySide6.QtWidgets import QApplication, QWidget
 
 from app.window.widgets import palette
 from app.window.widgets.sheet import SHEET
+from core.control.controllers import Preset
+from experiments.analysis.colours import colour_places
 
 COLOURS = palette.chosen
 JOINT = dict(zip("AEBC", COLOURS.joints, strict=True))
@@ -141,8 +144,11 @@ def show_fitted(window: QWidget, width: int, height: int) -> None:
         window.show()
 
 
-def colour_of(controller: int | str) -> str:
-    """Table I's five colours, which begin again for further controllers; a code has none of its own."""
-    if isinstance(controller, str):
-        return COLOURS.quiet
-    return COLOURS.controllers[(controller - 1) % len(COLOURS.controllers)]
+def colour_at(place: int | None) -> str:
+    """The colour of a controller by its place in the palette; a code of a blind session has none of its own."""
+    return COLOURS.quiet if place is None else COLOURS.controllers[place]
+
+
+def colour_of(controller: int | str, controllers: Mapping[int, Preset]) -> str:
+    """A controller's own colour, which it has in every protocol."""
+    return colour_at(colour_places(controllers).get(controller))

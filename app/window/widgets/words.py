@@ -59,9 +59,8 @@ KEPT = "What had reached its file is kept."
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
 LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
 
-#: Short names of Table I's controllers and of a measure; others stand as the protocol and the table have them.
+#: Short names of Table I's controllers; others stand as the protocol has them.
 SHORT = {
-    "Acceleration, weighted DFT sum": "Acceleration sum",
     "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
 }  # fmt: skip
 

@@ -1,0 +1,149 @@
+"""Error against force, printed: as `error_against_force` has it, the same on the screen."""
+
+import textwrap
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
+
+from experiments.analysis.charts import View, left_out
+from experiments.analysis.error_against_force import (
+    ERROR,
+    FORCE,
+    SMOOTHNESS,
+    TITLE,
+    Mark,
+    between,
+    by_controller,
+    diameter,
+    drawn_rectangles,
+    halvings,
+    joined,
+    largest_smoothness,
+    marks_of,
+    name_places,
+    ranges,
+    shown_sizes,
+)
+from experiments.analysis.sheet import (
+    CHARACTERS_PER_INCH,
+    HATCHES,
+    LINE,
+    LINE_IN,
+    MIDDLE,
+    PAGE_IN,
+    QUIET,
+    SMALL,
+    STYLE,
+    colour_of,
+    new_figure,
+    small_print,
+)
+from experiments.analysis.trials_table import Trials
+
+CIRCLE_PT = 17.0  # the largest diameter
+BOLD_LETTER_IN = 0.077  # about
+
+
+def draw_error_against_force(trials: Trials, note: str, view: View) -> Figure:
+    """Median and quartiles of each controller on each device; smoothness is the area of its circle."""
+    marks = marks_of(trials, view)
+    counts = sorted({mark.error.n for mark in marks})
+    often = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}" if counts else "no"
+    several = "; a dotted line joins the devices" if len(view.configurations) > 1 else ""
+    how = f"Medians and quartiles of {often} trials{several}. Each line across halves the error."
+    texts = (how, left_out(trials, view.timeouts), *note.splitlines())
+    lines = [line for text in texts for line in textwrap.wrap(text, int((PAGE_IN - 0.75) * CHARACTERS_PER_INCH))]
+    height, bottom, right = 4.4, 0.7 + LINE_IN * len(lines), 1.75
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(PAGE_IN, height)
+        place = 0.6, bottom, PAGE_IN - 0.6 - right, height - bottom - 0.45
+        axes = figure.add_axes(tuple(np.divide(place, (PAGE_IN, height, PAGE_IN, height))))
+        axes.set_title(TITLE, loc="left", pad=10)
+        axes.set(xlabel=f"{FORCE.title} ({FORCE.shown_unit})", ylabel=f"{ERROR.title} ({ERROR.shown_unit})")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(axis="y", color=LINE, linewidth=0.6)
+        axes.set_axisbelow(True)
+        if marks:
+            _draw_marks(figure, axes, marks, view)
+        _key_of_marks(figure, marks, view, PAGE_IN - right + 0.25)
+        small_print(figure, lines, 0.6)
+    return figure
+
+
+def _draw_marks(figure: Figure, axes: Axes, marks: Sequence[Mark], view: View) -> None:
+    across, up = ranges(marks)
+    axes.set(xlim=across, ylim=up, yscale="log")
+    axes.set_yticks(halvings(*up), [f"{value:g}" for value in halvings(*up)])
+    axes.yaxis.set_minor_locator(NullLocator())
+    largest = largest_smoothness(marks)
+    for first, second in joined(marks):
+        ends = zip(*((mark.force.median, mark.error.median) for mark in (first, second)), strict=True)
+        axes.plot(*ends, ":", color=colour_of(first.controller, view.colours), lw=1.3, zorder=3)
+    placed, covered = [], []
+    for mark in marks:
+        colour, size = colour_of(mark.controller, view.colours), CIRCLE_PT * diameter(mark.smoothness, largest)
+        error, force = mark.error, mark.force
+        axes.hlines(error.median, force.q1, force.q3, colour, lw=1.0, zorder=2)
+        axes.vlines(force.median, max(error.q1, up[0]), error.q3, colour, lw=1.0, zorder=2)
+        face = "white" if mark.look else colour
+        body: dict[str, Any] = {"edgecolors": colour, "linewidths": 1.4, "hatch": HATCHES[mark.look]}
+        axes.scatter([force.median], [error.median], size**2, face, zorder=4, **body)
+        to_points = axes.transData.transform([
+            (force.median, error.median), (force.q1, max(error.q1, up[0])), (force.q3, error.q3),
+        ]) * (72.0 / figure.dpi)  # fmt: skip
+        (x, y), (left, low), (end, high) = to_points.tolist()
+        placed.append((x, y, 0.5 * size))
+        covered += drawn_rectangles(placed[-1], ((left, end), (low, high)), 1.0)
+    groups = by_controller(marks)
+    for of_one in groups.values():
+        for one, other in pairwise(of_one):
+            covered += between(placed[one][:2], placed[other][:2])
+    names = {controller: view.name(controller) for controller in groups}
+    sizes = [(72.0 * BOLD_LETTER_IN * len(name), 1.25 * MIDDLE) for name in names.values()]
+    centres = [[placed[at] for at in of_one] for of_one in groups.values()]
+    page = axes.get_window_extent().get_points().ravel() * (72.0 / figure.dpi)
+    look: dict[str, Any] = {"fontsize": MIDDLE, "weight": "bold", "parse_math": False, "zorder": 6}
+    places = name_places(sizes, centres, covered, tuple(page))
+    for (controller, name), place in zip(names.items(), places, strict=True):
+        axes.annotate(name, place, xycoords="figure points", color=colour_of(controller, view.colours), **look)
+
+
+def _key_of_marks(figure: Figure, marks: Sequence[Mark], view: View, left_in: float) -> None:
+    """Devices, the sizes of circles, and where it is best, one under the other."""
+    width, height = figure.get_size_inches()
+
+    def words(text: str, down_in: float, **look: Any) -> None:
+        look = {"fontsize": MIDDLE, "parse_math": False} | look
+        figure.text(left_in / width, 1.0 - down_in / height, text, va="baseline", **look)
+
+    def circle(across: float, down_in: float, size: float, **look: Any) -> None:
+        place = [left_in / width + across / width], [1.0 - (down_in - 0.04) / height]
+        figure.add_artist(Line2D(*place, marker="o", ls="", ms=size, mec=QUIET, mew=1.2, **look))
+
+    down = 0.4
+    if len(view.configurations) > 1:
+        words("Device", down, weight="bold")
+        for device in view.configurations[: len(HATCHES)]:
+            down += 0.22
+            circle(0.12, down, 8.0, mfc="white" if view.look(device) else QUIET)
+            words(f"       {device}", down)
+        down += 0.35
+    if largest := largest_smoothness(marks):
+        words("Smoothness", down, weight="bold")
+        words(f"{SMOOTHNESS.title},", down + 0.17, color=QUIET, fontsize=SMALL)
+        words(f"{SMOOTHNESS.shown_unit}; small is smooth", down + 0.31, color=QUIET, fontsize=SMALL)
+        down += 0.31
+        for value in shown_sizes(largest):
+            down += 0.26
+            circle(0.12, down, CIRCLE_PT * diameter(value, largest), mfc="white")
+            words(f"        {value:g}", down)
+        down += 0.38
+    words("Best: low and left", down, weight="bold")
+    words("little error for little force", down + 0.17, color=QUIET, fontsize=SMALL)

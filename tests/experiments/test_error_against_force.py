@@ -1,0 +1,72 @@
+"""Error against force: its numbers against pandas, what a figure of it says, and names that stand clear."""
+
+import itertools
+import math
+
+import matplotlib
+import pytest
+from matplotlib.collections import PathCollection
+from test_boxplots import BOTH, LABELS, NOTE, study, view_of
+
+from experiments.analysis.error_against_force import diameter, halvings, joined, marks_of, name_places, shown_sizes
+from experiments.analysis.force_figure import draw_error_against_force
+from experiments.analysis.sheet import STYLE
+from experiments.analysis.trials_table import as_table
+from tests.support.rows import with_measures
+
+
+def test_a_mark_holds_median_and_quartiles_of_each_controller_on_each_device():
+    trials = as_table(study())
+    marks = marks_of(trials, view_of(LABELS))
+    assert [(mark.controller, mark.configuration) for mark in marks] == list(itertools.product(range(1, 6), BOTH))
+    for mark in marks:
+        cell = trials[(trials["controller"] == mark.controller) & (trials["configuration"] == mark.configuration)]
+        for box, column, scale in ((mark.error, "path_error_m", 1e3), (mark.force, "mean_tip_force_N", 1.0)):
+            expected = scale * cell[column].quantile([0.25, 0.5, 0.75])
+            assert (box.q1, box.median, box.q3) == pytest.approx(tuple(expected))
+        assert mark.smoothness == pytest.approx(cell["acceleration_dft_sum"].median())
+        assert f"{mark.error.median:.3g}" in mark.text and mark.configuration in mark.text
+    assert [(a.controller, b.controller) for a, b in joined(marks)] == [(k, k) for k in range(1, 6)]
+
+
+def test_a_controller_without_an_error_above_zero_or_without_a_measure_has_no_mark_and_smoothness_may_be_missing():
+    rows = study(1, controllers=(1, 2, 3))
+    changed = {1: {"path_error_m": 0.0}, 2: {"mean_tip_force_N": None}, 3: {"acceleration_dft_sum": None}}
+    marks = marks_of(as_table(with_measures(row, **changed[row.controller]) for row in rows), view_of(LABELS))
+    assert {mark.controller for mark in marks} == {3} and all(math.isnan(mark.smoothness) for mark in marks)
+
+
+def test_areas_are_proportional_to_smoothness_and_lines_halve_the_error():
+    assert diameter(20.0, 80.0) == pytest.approx(0.5) and diameter(80.0, 80.0) == 1.0
+    assert 0.0 < diameter(math.nan, 80.0) == diameter(0.0, 0.0) < 0.2
+    assert halvings(0.2, 9.0) == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0] and shown_sizes(83.0) == [2.0, 20.0, 50.0]
+    assert shown_sizes(0.0) == []
+
+
+def test_names_stand_beside_their_circles_and_over_none_where_there_is_room():
+    centres = [[(100.0, 100.0, 5.0)], [(112.0, 100.0, 5.0)], [(100.0, 108.0, 5.0)]]
+    taken = [(x - r, y - r, x + r, y + r) for ((x, y, r),) in centres]
+    sizes = [(60.0, 10.0)] * 3
+    places = name_places(sizes, centres, taken, (0.0, 0.0, 300.0, 300.0))
+    boxes = [(x, y, x + 60.0, y + 10.0) for x, y in places]
+    for a, b in [*itertools.combinations(boxes, 2), *itertools.product(boxes, taken)]:
+        assert min(a[2], b[2]) <= max(a[0], b[0]) or min(a[3], b[3]) <= max(a[1], b[1])
+
+
+def test_a_figure_names_controllers_devices_sizes_and_how_many_trials_it_is_of():
+    figure = draw_error_against_force(as_table(study()), NOTE, view_of(LABELS))
+    with matplotlib.rc_context(STYLE):
+        figure.draw_without_rendering()
+    axes = figure.axes[0]
+    said = " ".join(text.get_text() for text in figure.texts)
+    for words in (*BOTH, "Smoothness", "DFT of acceleration", "low and left", "of 18 trials", "halves the error", NOTE):
+        assert words in said, words
+    assert {text.get_text() for text in axes.texts} == {name.replace("\n", " ") for name in LABELS.values()}
+    assert sum(isinstance(marks, PathCollection) for marks in axes.collections) == 10
+    assert axes.get_yscale() == "log" and "mm" in axes.get_ylabel() and "N" in axes.get_xlabel()
+    page = figure.bbox.padded(1.0)
+    for text in (*figure.texts, *axes.texts):
+        box = text.get_window_extent()
+        assert page.contains(*box.min) and page.contains(*box.max), text.get_text()
+    empty = draw_error_against_force(as_table(()), NOTE, view_of(LABELS))
+    assert not empty.axes[0].collections
