@@ -70,7 +70,7 @@ def test_it_has_its_column_its_chart_its_lines_in_the_report_and_its_unit_in_a_f
     view = View(results.configurations, results.labels, measures=results.own)
     shown = charts(POOLED, results.trials, view)
     assert sorted(point.y for point in shown[0].points) == sorted(late) and not shown[2].points
-    drawn = draw(results.trials, results.own, 9.0, "", view)
+    drawn = draw(results.trials, "", view, results.own, 9.0)
     assert [axes.get_title(loc="left") for axes in drawn.axes] == ["Late error (mm)", "Hard push", "Failing"]
     boxes = phd.boxes(trials, "late_error_mm")
     assert boxes.loc[(1, "three-brake"), "median"] == trials.query("controller == 1")["late_error_mm"].median()
