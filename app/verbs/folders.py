@@ -27,7 +27,7 @@ HEADLESS = ("controller", "device", "out", "json")
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "replay", replay_verb,
-        "play a recorded trial on the screen, or its hand through another controller or device\n"
+        "play a recorded trial on the screen, or simulate its hand with another controller or device\n"
         "With any of the options below no window opens: the hand of the trial's movement is simulated once more, and\n"
         "each metric is printed before and after. A person would react to what they feel; the recorded hand\n"
         "only gives way as an arm does. With neither --controller nor --device it is the recorded trial again, to the\n"

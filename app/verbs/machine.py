@@ -31,7 +31,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--data-dir", **DATA_DIR)
     option("--port", **PORTS)
     option = add_verb(
-        verbs, "emulate", emulate, "a board on a pseudo-terminal or a TCP port, with the simulated device behind it\n"
+        verbs, "emulate", emulate, "emulate a board, with a simulated device behind it, on a serial or TCP port\n"
         "The first line of stdout is its port, for --link serial:PORT; the log goes to stderr. Ctrl-C ends it.\n"
         "The log names a UDP port of this computer that takes orders as JSON objects: "
         '{"target": [x, y]} or\n{"force": [fx, fy]} for a hand that holds still, {"path": {..}} (as in a protocol '

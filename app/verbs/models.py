@@ -56,7 +56,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         metavar="DEG", help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
     )  # fmt: skip
     option = add_verb(
-        verbs, "figures", figures_verb, "remake the paper's Figs. 1 and 4 to 14 from our models\n"
+        verbs, "figures", figures_verb, "draw the paper's Figs. 1 and 4 to 14 from our models\n"
         "Besides: the shipped displays compared, the guard's stopping distance, a passive master and the Scooter.\n"
         "Each as PNG and PDF. No data of the paper are drawn; what rests on assumed parameters is marked so.\n"
         "Files that exist are never overwritten. Prints the files.",

@@ -28,7 +28,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("dir", type=Path, metavar="DIR", help="a new or empty folder")
     option("--device", default="three-brake", metavar="NAME", help="the shipped device to copy (default: three-brake)")
     option = add_verb(
-        verbs, "check-controller", check_controller_verb, "check a controller of your own against the laws of all\n"
+        verbs, "check-controller", check_controller_verb, "check that your own controller keeps the laws of all\n"
         "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
         "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a law is broken.",
         "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
@@ -36,7 +36,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("file", type=Path, metavar="FILE.py", help="a file of your own, or a shipped one")
     option("--set", action="append", default=[], metavar="NAME=NUMBER", help="a parameter of it (default: its own)")
     option = add_verb(
-        verbs, "completion", completion_verb, "print what makes a shell complete the verbs and options of phd\n"
+        verbs, "completion", completion_verb, "print a completion script for your shell\n"
         "bash: phd completion bash >> ~/.bashrc; zsh: phd completion zsh > a folder of $fpath, as _phd.",
         "phd completion bash",
     ).add_argument  # fmt: skip
