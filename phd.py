@@ -38,7 +38,7 @@ from experiments.store.reader import read_recording
 from experiments.study.replay import Replacement
 from experiments.study.replay import replay as _replay
 from experiments.study.unrecorded import study_trials, with_low_gain_found
-from experiments.trial.population import load_population
+from experiments.trial.population import USUAL, load_population
 from experiments.trial.real_trial import load_kernels
 
 __all__ = [
@@ -70,14 +70,14 @@ def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFra
 def run_study(
     protocol: str | Path = "paper",
     operators: int = 3,
-    population: str | Path = "average",
+    population: str | Path = USUAL,
     devices: Sequence[str | Path | Device] | None = None,
     **overrides: Any,
 ) -> pd.DataFrame:
     """The trials of a study of simulated operators, a row each, without recordings: the numbers of `phd study`.
 
     protocol, population, devices: shipped names, files; devices also as `load_device` gives them.
-    overrides: seed, rules, low_gain in place of the protocol's.
+    overrides: seed, rules, low_gain, sensing in place of the protocol's.
     """
     people = load_population(population)
     watch_compiling()

@@ -33,7 +33,7 @@ def act(operators, grips, path, moment, tip, noise):
 
 
 def drawn_operator(path: Path, seed: int) -> "EmulatedOperator":
-    """An average person drawn from a seed, at the start of a path."""
+    """A person drawn from a seed, at the start of a path."""
     generator = np.random.default_rng([seed, 3])
     return EmulatedOperator(load_population().draw(generator), path, (path.x0, path.y0), generator)
 

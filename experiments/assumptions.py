@@ -15,6 +15,7 @@ from core.mechanism import A, B
 
 NO_VIBRATION = "no vibration"
 IDEAL, ENCODERS = SENSINGS = ("ideal", "encoders")
+Sensing = Annotated[str, choice(*SENSINGS)]
 
 #: N s/m, or the paper's own rule: the largest gain without detectable vibration.
 LowGain = Positive | Annotated[str, text_of_form(NO_VIBRATION, f'a number or "{NO_VIBRATION}"')]
@@ -29,7 +30,7 @@ class Assumptions(Table, frozen=True):
     torque_factor: Positive = 1.0  # of the torque that current adds, K - k_2
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] | None = None  # of every brake; None: as in its file
     # what the controller sees of the simulated device
-    sensing: Annotated[str, choice(*SENSINGS)] = IDEAL
+    sensing: Sensing = IDEAL
     filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = VELOCITY_WINDOW  # of the velocity from encoders
     delay_samples: Annotated[int, msgspec.Meta(ge=0, le=63)] = 1  # of what the encoders give
     # the controllers, on a real device too

@@ -48,6 +48,8 @@ from experiments.protocol_file import (
 from experiments.slave import Slave
 
 REFLECT = "reflect"
+TABLE_I = ["none", "sdof", "sdof", "proportional", "proportional"]
+PRINTED_LOW_GAIN = 5.0  # "Ns/m"; our protocol reads it as 5 N per cm/s
 GAIN = "gain_N_s_m"  # the least one is what `--low-gain` sets
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "protocols"
 PAPER = "paper"
@@ -131,8 +133,11 @@ class Protocol(Settings, frozen=True, kw_only=True):
         ruled = "sdof" in kinds or "proportional" in kinds
         parts = [f"{self.name} protocol", *([f"{self.rules} rules"] if ruled else [])]
         if kinds.count("proportional") > 1:
-            rule = f" ({NO_VIBRATION})" if self.assumptions.low_gain == NO_VIBRATION else ""
-            parts.append(f"low gain {self.low_gain:g} N s/m{rule}")
+            about = [NO_VIBRATION] if self.assumptions.low_gain == NO_VIBRATION else []
+            if kinds == TABLE_I and self.low_gain != PRINTED_LOW_GAIN:
+                about.append(f"Table I prints {PRINTED_LOW_GAIN:g}")
+            in_brackets = f" ({'; '.join(about)})" if about else ""
+            parts.append(f"low gain {self.low_gain:g} N s/m{in_brackets}")
         parts += [words] if (words := self.assumptions.words()) else []
         if any(device.assumed for device in self.devices):
             parts.append("parameters assumed")
@@ -293,8 +298,8 @@ def _checked(
     numbers = [controller.number for controller in file.controller]
     controllers = _numbered(numbers, presets, f"{where}: controller")
     assumptions = asked.assumptions or file.assumptions
-    if asked.low_gain is not None:
-        assumptions = msgspec.structs.replace(assumptions, low_gain=asked.low_gain)
+    given = {name: value for name in ("low_gain", "sensing") if (value := getattr(asked, name)) is not None}
+    assumptions = msgspec.structs.replace(assumptions, **given)
     controllers = _assumed(controllers, assumptions, asked.low_gain_found, where)
     if assumptions.sensing == ENCODERS:
         for _, device in devices:

@@ -18,7 +18,7 @@ from core.obstacles import ObstacleFile
 from core.own_files import OwnFile
 from core.ranges import BodyMass, Push, Radius, SmallLength
 from core.simulator.hand import Hand, spring_hand
-from experiments.assumptions import Assumptions, LowGain
+from experiments.assumptions import Assumptions, LowGain, Sensing
 from experiments.language import ENGLISH
 from experiments.slave import Slave
 
@@ -235,6 +235,7 @@ class Overrides(Table, frozen=True):
     assumptions: Assumptions | None = None
     low_gain_found: Positive | None = None  # N s/m, by the rule "no vibration"
     low_gain: LowGain | None = None  # besides, of the proportional controller of least gain
+    sensing: Sensing | None = None  # besides
     seed: Seed | None = None
     devices: tuple[str, ...] | None = None  # names
 

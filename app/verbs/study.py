@@ -19,8 +19,9 @@ from app.verbs.common import (
 )
 from core.files import InputError
 from core.own_consent import OPTION
+from experiments.assumptions import SENSINGS
 from experiments.protocol import load_protocol
-from experiments.trial.population import SHIPPED_FOLDER, load_population
+from experiments.trial.population import SHIPPED_FOLDER, USUAL, load_population
 
 #: The sweep that ships; its protocol has the same name.
 ARENA = "arena"
@@ -28,7 +29,7 @@ ARENA = "arena"
 OPERATORS = 3
 SIMULATED_PEOPLE, LEAST_SIMULATED = 100, 30  # of `phd power`
 #: What may be asked for in place of what the protocol has.
-OVERRIDES = ("seed", "rules", "low_gain")
+OVERRIDES = ("seed", "rules", "low_gain", "sensing")
 #: What the file of a sweep decides.
 IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 
@@ -54,9 +55,14 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option(
         "--low-gain", type=low_gain, metavar="NUMBER|'no vibration'",
         help="N s/m of the proportional controller of least gain, or the paper's rule: the largest gain without "
-        "detectable vibration, found on simulated trials (default: the protocol's; Table I: 5)",
+        "detectable vibration, found on simulated trials (default: the protocol's; Table I prints 5)",
     )  # fmt: skip
-    option("--population", metavar="NAME|PATH", help="of the operators: shipped, or a file (default: average)")
+    option(
+        "--sensing", choices=SENSINGS,
+        help="what the controller sees of a simulated device: its true motion, or the counts of its encoders "
+        "(default: the protocol's)",
+    )  # fmt: skip
+    option("--population", metavar="NAME|PATH", help=f"of the operators: shipped, or a file (default: {USUAL})")
     option("--figures", **FIGURES)
     option("--resume", action="store_true", help="go on with the interrupted study in DIR, with its own settings")
     option(OPTION, **RUN_OWN_CODE)
@@ -125,7 +131,7 @@ def study(args: argparse.Namespace) -> None:
     overrides = {name: getattr(args, name) for name in OVERRIDES if getattr(args, name) is not None}
     named = "paper" if args.protocol is None else args.protocol  # an empty name is refused, as a shell gives it
     protocol = load_protocol(named, devices=args.device, **overrides)
-    population = load_population("average" if args.population is None else args.population)
+    population = load_population(USUAL if args.population is None else args.population)
     if args.resume:
         ask_own_code(args.out, args.run_own_code)
         given = {"operators": args.operators, "devices": args.device and protocol.devices}

@@ -13,6 +13,7 @@ from string import Template
 from core.files import InputError
 from experiments.analysis import by_path, report_sentences, report_tables
 from experiments.analysis.findings import CONTROLLER, HOLDS, Finding, box_findings_of, findings, why_no_findings
+from experiments.analysis.gap_reading import GapReadOtherwise, gap_sentence, gap_table
 from experiments.analysis.sensitivity import Read, sensitivity
 from experiments.analysis.simulation_errors import HAND, STEP, Moved, error_sentence, error_table
 from experiments.analysis.statistics import (
@@ -48,6 +49,7 @@ def write_report(
     timeouts: bool = False,
     moved: Sequence[Moved] = (),
     read: Read | None = None,
+    gap: GapReadOtherwise | None = None,
 ) -> list[str]:
     """Write the files into `out_folder`; the warnings.
 
@@ -56,6 +58,7 @@ def write_report(
     timeouts: trials whose time was up count in the statistics.
     read: gives the recording that a row names, for further definitions of smoothness.
     moved: how far the measures move when the trials of a sample are simulated otherwise.
+    gap: the trials again, with Table I's gap read the other way.
     InputError before anything is written if one exists already or no trial counts.
     """
     folder, trials = Path(out_folder), data.trials
@@ -89,6 +92,9 @@ def write_report(
         parts["sentences"] = "\n".join(f"- {sentence}" for sentence in more)
     if found:
         files["findings.csv"] = _findings_csv(found, by_boxes)
+        if gap:
+            parts["gap_otherwise"] = gap_table(trials, gap, timeouts)
+            parts["gap_medians"] = gap_sentence(trials, gap, timeouts)
     if moved and not coded:
         parts |= {"errors": error_table(moved, names), "error_bar": error_sentence(moved), "step": STEP, "hand": HAND}
         files["simulation_errors.csv"] = _csv(Moved._fields, moved)

@@ -31,7 +31,7 @@ from experiments.protocol_file import Count, Text
 from experiments.sensitivity.changed_files import changed_devices, changed_paths, changed_people, names_in
 from experiments.study.jobs import local_or_shipped
 from experiments.trial.operator import Person
-from experiments.trial.population import Population, load_population, population_of
+from experiments.trial.population import USUAL, Population, load_population, population_of
 
 SHIPPED_FOLDER = Path(__file__).resolve().parent / "ranges"
 DIGITS = 6  # of a number that is drawn
@@ -186,7 +186,7 @@ def load_ranges(name_or_path: str | Path) -> Ranges:
         given |= {f"{table}.{key}": assumption for key, assumption in getattr(file, table).items()}
     if not given:
         raise InputError(f"{path}: holds no range")
-    names = [str(name) for name in file.population.ends if name != MIXED] if file.population else ["average"]
+    names = [str(name) for name in file.population.ends if name != MIXED] if file.population else [USUAL]
     populations = {name: load_population(local_or_shipped(path, name)).text for name in names}
     ranges = {column: assumption for column, assumption in given.items() if assumption.value is None}
     fixed = {column: assumption for column, assumption in given.items() if assumption.value is not None}

@@ -79,10 +79,11 @@ def read_study(folder: Path) -> StudyPlan:
 def refuse_other(folder: Path, study: StudyPlan, options: Mapping[str, object]) -> None:
     """InputError if the options differ from those with which the study was begun.
 
-    options: operators, seed, rules, low_gain -> value; devices, protocol, population -> the object.
+    options: operators, seed, rules, low_gain, sensing -> value; devices, protocol, population -> the object.
     """
     own = {"operators": study.operators, "protocol": study.protocol, "population": study.population}
-    own |= {"low_gain": study.protocol.assumptions.low_gain or study.protocol.low_gain}
+    assumed = study.protocol.assumptions
+    own |= {"low_gain": assumed.low_gain or study.protocol.low_gain, "sensing": assumed.sensing}
     for name, value in options.items():
         begun, words = _content(name, own[name] if name in own else getattr(study.protocol, name))
         if _content(name, value)[0] != begun:

@@ -61,6 +61,7 @@ from experiments.store.journal import (
 from experiments.store.metadata import operators_from_json, preset_from_json
 from experiments.store.reader import read_recording
 from experiments.store.stored import read_stored
+from experiments.study.gap_reading import gap_otherwise_in
 from experiments.study.unrecorded import errors_in
 
 
@@ -247,13 +248,14 @@ def conclude(folder: Path, out: Path, found: Found, timeouts: bool, purpose: str
     if not any(row.status in COUNTED for row in found.rows):
         return []
     moved: list[Moved] = []
+    gap = None
     unsure = []
     if found.simulated:
         try:
-            moved = errors_in(folder)
+            moved, gap = errors_in(folder), gap_otherwise_in(folder)
         except InputError as error:  # another version's operator
             unsure = [f"{error}, so the report has no error bars"]
-    warned = write_report(data, out / "report", timeouts, moved, lambda name: read_recording(out / name))
+    warned = write_report(data, out / "report", timeouts, moved, lambda name: read_recording(out / name), gap)
     return [*warned, *unsure]
 
 

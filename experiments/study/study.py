@@ -5,7 +5,6 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,12 +16,13 @@ from core.files import InputError
 from core.tick_log import TICK_S
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
 from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
+from experiments.analysis.gap_reading import GapReadOtherwise
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import warnings, write_report
 from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import COUNTED, StudyData, Trials, without_value
 from experiments.atomic_files import is_wrong_path, make_empty_folder, new_folders
-from experiments.plan import PlannedTrial, make_plan, participant_index
+from experiments.plan import PlannedTrial, make_plan
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.store.files import LOCK, STUDY, hold_lock, is_half_created, session_folder, write_pooled_table
@@ -30,9 +30,11 @@ from experiments.store.journal import TRIAL_CUT_OFF
 from experiments.store.session import Participant, Session
 from experiments.store.study_plan import StudyPlan, note_sessions, read_study, refuse_other, write_study
 from experiments.store.writer import RecordingWriter
+from experiments.study.gap_reading import gap_read_otherwise
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.jobs import going_on
 from experiments.study.unrecorded import errors_in, person_of, with_low_gain_found
+from experiments.trial.operator import Person
 from experiments.trial.population import Population
 from experiments.trial.real_trial import load_kernels
 from experiments.trial.trial import Trial
@@ -121,15 +123,22 @@ class StudyRun:
     failed: list[str] = field(default_factory=list)  # why a measure of one's own gave no number, for each trial
     rows: np.ndarray = field(default_factory=lambda: np.empty((CHUNK_TICKS, tick_log.WIDTH)))
 
+    @property
+    def people(self) -> dict[str, Person]:
+        """The operators by their labels."""
+        numbers = range(1, self.study.operators + 1)
+        return {f"{n:02d}": person_of(self.study.population, self.study.protocol.seed, n) for n in numbers}
+
     def carry_out(self, workers: Helpers) -> dict:
         """Run all trials that are not done yet, with the helpers, then write the table and the figures."""
         began = time.perf_counter()
         protocol, population, operators = self.study.protocol, self.study.population, self.study.operators
-        errors, others = None, []
+        errors, gap, others = None, None, []
         for operator in self.shared.operators(operators):
             with self.session(f"{operator:02d}") as session:
                 if errors is None and session.next_planned():  # from here on the helpers have something to do
                     errors = workers.pool.submit(errors_in, self.out)
+                    gap = workers.pool.submit(gap_read_otherwise, protocol, self.people)
                     others = [workers.pool.submit(run_share, self.out, self.study) for _ in range(workers.processes)]
                 self.run_operator(session)
         for other in others:
@@ -139,7 +148,9 @@ class StudyRun:
         note_sessions(self.out)
         table = write_pooled_table(self.out)
         if self.done["trials"] or not (self.out / FIGURES).exists() or not (self.out / REPORT).exists():
-            self.conclude(table, workers, errors or workers.pool.submit(errors_in, self.out))
+            errors = errors or workers.pool.submit(errors_in, self.out)
+            gap = gap or workers.pool.submit(gap_read_otherwise, protocol, self.people)
+            self.conclude(table, workers, errors.result(), gap.result())
         share_done = (table["status"] == "done").groupby(table["controller"]).mean()
         refusal = why_no_findings(protocol.controllers)
         found = [] if refusal else findings(table)
@@ -173,8 +184,7 @@ class StudyRun:
         if not is_half_created(session_folder(self.out, label)):
             session = Session.resume(self.out, label, sync=False)
         else:
-            person = person_of(population, protocol.seed, participant_index(label))
-            who = Participant(label, operator=person, population=population.operators)
+            who = Participant(label, operator=self.people[label], population=population.operators)
             session = Session(self.out, who, protocol, sync=False)
         try:
             yield session
@@ -227,20 +237,19 @@ class StudyRun:
             writer.write(self.rows[:n])
         self.done["ticks"] += trial.ticks
 
-    def conclude(self, table: Trials, workers: Helpers, errors: Future[list[Moved]]) -> None:
+    def conclude(self, table: Trials, workers: Helpers, moved: Sequence[Moved], gap: GapReadOtherwise | None) -> None:
         """Box plots and report; each folder appears whole, in place of one from before a crash."""
         protocol, operators = self.study.protocol, self.study.population.operators
         caption, note = (f"{protocol.note()}, {about}" for about in (operators.label, operators.note))
         own = own_metrics(protocol)
         data = StudyData(table, protocol.controllers, protocol.name, caption, note, simulated=True, own=own)
-        moved = errors.result()
         for name in (FIGURES, REPORT):
             shutil.rmtree(self.out / name, ignore_errors=True)
             with new_folders([self.out / name], "a study") as (folder,):
                 if name == FIGURES:
                     draw_boxplots(data, folder, pool=workers.pool, purpose=self.purpose)
                 else:
-                    write_report(data, folder, moved=moved)
+                    write_report(data, folder, moved=moved, gap=gap)
 
 
 def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[str]]:

@@ -30,7 +30,7 @@ from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
 from experiments.study.sweep_results import SEED, draw_effects, effects, moves_most, rank_sentences, ranks, read_sweep
 from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
-from experiments.trial.population import Population, load_population
+from experiments.trial.population import USUAL, Population, load_population
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
 Seed = Annotated[int, msgspec.Meta(ge=0)]
@@ -106,7 +106,7 @@ class SweepFile(Table, frozen=True):
     operators: Count = 3
     repetitions: Count = 3
     seed: Seed | Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] = 1
-    populations: Names = ("average",)
+    populations: Names = (USUAL,)
     devices: Names | None = None
     rules: Annotated[tuple[Rules, ...], msgspec.Meta(min_length=1)] | None = None
     assumptions: SweptAssumptions = SweptAssumptions()

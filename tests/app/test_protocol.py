@@ -14,6 +14,7 @@ from app.window.widgets.words import minutes
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
+from experiments.assumptions import Assumptions
 from experiments.plan import break_after, grouped, make_plan, plan_summary, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
 from experiments.store.session import Participant, Session
@@ -24,7 +25,6 @@ def test_the_papers_protocol_is_the_experiment_of_section_v():
     assert PAPER.paths == {1: Segment((-0.10, 0.40), (0.10, 0.40)), 2: Segment((-0.08, 0.26), (0.08, 0.42))}
     assert len(PAPER.controllers) == 5 and PAPER.blocks * PAPER.repetitions == 3
     assert len(make_plan(PAPER, "01")) == 60
-    assert PAPER.note() == "paper protocol, settled rules, low gain 5 N s/m, parameters assumed"
 
 
 @pytest.mark.parametrize("name", shipped_protocols())
@@ -47,7 +47,8 @@ def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
     assert [preset[1:3] for preset in protocol.controllers.values()] == [("none", ()), ("proportional", (0, 300))]
     assert (protocol.rules, protocol.seed, protocol.blocks, protocol.practice_trials) == ("settled", 1, 1, 0)
     assert protocol.breaks is protocol.cues is None and not protocol.blind and not protocol.paths_assumed
-    assert protocol.trial == PAPER.trial and protocol.mouse == PAPER.mouse and protocol.participants == ()
+    assert protocol.trial == replace(PAPER.trial, assumptions=Assumptions())
+    assert protocol.mouse == PAPER.mouse and protocol.participants == ()
 
 
 @pytest.mark.parametrize(
@@ -135,7 +136,7 @@ REFUSED = {
     "number a word": (PAPER.text.replace("number = 1", 'number = "one"', 1), "path 1: number: must be a whole number"),
     "same controller": (PAPER.text.replace('"SDOF with gap"', '"SDOF"'), "two controllers have the same name"),
     "kind of controller": (PAPER.text.replace('kind = "none"', 'kind = "magic"'), "kind must be one of none, sdof"),
-    "gain left out": (PAPER.text.replace("gain_N_s_m = 5.0", ""), "controller 5: gain_N_s_m is required"),
+    "gain left out": (PAPER.text.replace("gain_N_s_m = 500.0", ""), "controller 5: gain_N_s_m is required"),
     "gain of sdof": (PAPER.text.replace("gap_m = 0.005", "gain_N_s_m = 5.0"), "controller 3: gain_N_s_m is not"),
     "gap of none": (PAPER.text.replace('kind = "none"', 'kind = "none"\ngap_m = 0.005'), "gap_m is not for 'none'"),
     "kind of path": (PAPER.text.replace('kind = "segment"', 'kind = "spiral"', 1), "path 1"),

@@ -92,7 +92,7 @@ CHANGES = {
     "brake strength": dict(brake_strength=0.3),
     "no backlash": dict(backlash_deg=0.0),
     "much backlash": dict(backlash_deg=3.0),
-    "encoders": dict(sensing="encoders"),
+    "ideal sensing": dict(sensing="ideal"),
 }
 
 
@@ -119,6 +119,7 @@ def test_a_change_in_mid_movement_acts_at_the_next_tick_and_moves_nothing(window
 
 
 def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_off_and_keeps_its_samples(window):
+    change(window, sensing="ideal")
     drive(window, moves(200))
     change(window, sensing="encoders")
     drive(window, moves(400))
@@ -340,11 +341,11 @@ def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalW
     window.client.send(m.SaveAsProtocol(str(plain)))
     assert "exists already" in window.until(lambda s: s.notice_bad).notice
     assert saved.assumptions == PAPER.assumptions
-    change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02, sensing="encoders")
+    change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02, sensing="ideal")
     window.client.send(m.SaveAsProtocol(str(other)))
     window.until(lambda s: f"Saved as {other}" in s.notice)
     assert build_path(load_protocol(other).paths[2], "path").blend_width == 0.02
-    assert load_protocol(other).assumptions == Assumptions(sensing="encoders")
+    assert load_protocol(other).assumptions == Assumptions()
     brakes, theirs = load_protocol(other).devices[0].brakes, PAPER.devices[0].brakes
     assert brakes.k == pytest.approx(0.5 * theirs.k)
     assert np.degrees(brakes.play[theirs.present > 0]) == pytest.approx(1.5)

@@ -108,7 +108,7 @@ def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_by_key_where
     qtbot.waitUntil(held.page.isActiveWindow, timeout=60_000)
     held.page.save.setFocus()
     QTest.keyClick(held.page.save, Qt.Key.Key_5)
-    assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 5.0})
+    assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 500.0})
 
 
 def test_the_first_digit_of_a_long_number_is_seen_among_the_passes(held: Held) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from protocols import assuming as with_assumptions
 
 from core.brake import current_for_torque, time_constant, torque_gain
 from core.device import load_device
@@ -15,30 +16,41 @@ from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_brakes
 from core.simulator.stick_slip_mode import update_kinematics
 from experiments.assumptions import DEFAULTS, Assumptions
-from experiments.protocol import SHIPPED_FOLDER, Protocol, load_protocol, protocol_from_json, protocol_to_json
+from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.trial.encoder_sensing import new_sensing, see
 from hardware.sensing.encoders import PoseSensing
 from hardware.sensing.samples import MotionFilter
 
 PAPER = load_protocol()
-TEXT = (SHIPPED_FOLDER / "paper.toml").read_text()
 
 
 def assuming(lines: str) -> Protocol:
-    """The paper's protocol with a table of assumptions."""
+    """The paper's protocol with another table of assumptions."""
     about = protocol_to_json(PAPER)
-    return protocol_from_json({**about, "text": f"{TEXT}\n[assumptions]\n{lines}\n"}, "mine.toml")
+    return protocol_from_json({**about, "text": with_assumptions(lines)}, "mine.toml")
 
 
 def test_without_the_table_everything_is_as_the_defaults_have_it():
-    assert PAPER.assumptions == PAPER.trial.assumptions == DEFAULTS
-    assert PAPER.note() == "paper protocol, settled rules, low gain 5 N s/m, parameters assumed"
+    bare = assuming("")
+    assert bare.assumptions == bare.trial.assumptions == DEFAULTS
+
+
+def test_the_paper_is_studied_behind_encoders_with_its_low_gain_in_its_own_lengths_and_every_note_says_so():
+    assert PAPER.assumptions == PAPER.trial.assumptions == Assumptions(sensing="encoders")
+    assert PAPER.low_gain == 500.0
+    assert PAPER.note() == (
+        "paper protocol, settled rules, low gain 500 N s/m (Table I prints 5), sensing encoders, parameters assumed"
+    )
+    as_printed = load_protocol(low_gain=5.0, sensing="ideal")
+    assert as_printed.assumptions == Assumptions(low_gain=5.0) and as_printed.controllers[5].value("gain_N_s_m") == 5.0
+    assert as_printed.note() == "paper protocol, settled rules, low gain 5 N s/m, parameters assumed"
 
 
 def test_what_differs_from_the_defaults_stands_in_the_note_and_is_stored():
     protocol = assuming('sensing = "encoders"\nlag_factor = 3.0\nlow_gain = 120.0')
     assert protocol.note() == (
-        "paper protocol, settled rules, low gain 120 N s/m, lag factor 3, sensing encoders, parameters assumed"
+        "paper protocol, settled rules, low gain 120 N s/m (Table I prints 5), lag factor 3, sensing encoders, "
+        "parameters assumed"
     )
     again = protocol_from_json(protocol_to_json(protocol), "stored")
     assert again.assumptions == protocol.assumptions == Assumptions(sensing="encoders", lag_factor=3.0, low_gain=120.0)

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from protocols import PEOPLE, protocol_of, short
+from protocols import PEOPLE, assuming, protocol_of, short
 from sessions import new_session
 
 from app.cli import main
@@ -16,7 +16,7 @@ from experiments.study.unrecorded import DETECTED_M_S2, GAINS, study_trials, vib
 
 @pytest.fixture(scope="module")
 def unsettled() -> Protocol:
-    return protocol_of(f'{short(paths=1).text}\n[assumptions]\nlow_gain = "no vibration"\n')
+    return protocol_of(assuming('low_gain = "no vibration"', short(paths=1).text))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_the_number_found_is_stored_with_its_rule_and_not_looked_for_again(found
         again.low_gain == found.low_gain and again.assumptions.low_gain == "no vibration" and not again.low_gain_unknown
     )
     assert with_low_gain_found(again, PEOPLE) is again
-    assert f"low gain {found.low_gain:g} N s/m (no vibration)" in again.note()
+    assert f"low gain {found.low_gain:g} N s/m (no vibration; Table I prints 5)" in again.note()
     assert again.controllers[4].value(GAIN) == 10_000.0
 
 
@@ -68,7 +68,7 @@ def test_a_study_by_the_rule_prints_and_stores_the_number_and_goes_on_with_it_as
     told = json.loads(capsys.readouterr().out)
     stored = read_study(out).protocol.overrides
     assert told["low_gain_N_s_m"] == stored["low_gain_found"] in GAINS
-    assert "(no vibration)" in (out / "report" / "report.md").read_text()
+    assert "(no vibration; Table I prints 5)" in (out / "report" / "report.md").read_text()
     assert main([*asked, "--resume", "--low-gain", "no vibration"]) == 0
     assert main([*asked, "--resume", "--low-gain", "5"]) == 2
     assert "--low-gain: the study was begun with no vibration" in capsys.readouterr().err

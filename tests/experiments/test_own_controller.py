@@ -54,8 +54,8 @@ def ticks(preset: Preset) -> np.ndarray:
 
 
 def test_the_file_of_a_shipped_controller_decides_to_the_last_bit_as_the_shipped_one():
-    own = make_preset("Mine", "mine.py", {"gap_m": 0.003}, controller_of("mine", SHIPPED))
-    shipped, other = ticks(make_preset("SDOF", "sdof", {"gap_m": 0.003})), ticks(own)
+    own = make_preset("Mine", "mine.py", {"gap_m": 0.001}, controller_of("mine", SHIPPED))
+    shipped, other = ticks(make_preset("SDOF", "sdof", {"gap_m": 0.001})), ticks(own)
     words = [np.array(preset.decisions, dtype=object)[rows[:, tick_log.DECISION].astype(int)]
              for preset, rows in ((make_preset("SDOF", "sdof", {}), shipped), (own, other))]  # fmt: skip
     assert (words[0] == words[1]).all() and any(word.startswith("sdof") for word in words[0])

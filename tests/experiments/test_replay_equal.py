@@ -10,7 +10,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from protocols import PAPER, changed, protocol_of, short
+from protocols import PAPER, assuming, changed, protocol_of, short
 from recorded import put_recording
 from sessions import closed_session, crash_in_trial, move_to_the_end, new_session, run, run_to_move, run_trials
 
@@ -31,7 +31,7 @@ def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("eventful")
     text = changed(PAPER.text, blocks="1", practice_trials="1").replace("time_out_s = 30.0", "time_out_s = 3.4", 1)
     text = text.replace('kind = "segment"\nstart_m = [-0.08, 0.26]\nend_m = [0.08, 0.42]', BENT)
-    session = new_session(folder, protocol=protocol_of(text))
+    session = new_session(folder, protocol=protocol_of(assuming('sensing = "ideal"', text)))
     run_trials(session, 2)
     session.redo(2, "the phone rang")
     stop_in_the_movement(session)
@@ -234,7 +234,7 @@ WORLDS = {
 
 @pytest.mark.parametrize("lines", WORLDS.values(), ids=WORLDS)
 def test_a_trial_under_other_assumptions_replays_to_equal_ticks_and_equal_decisions(tmp_path, lines):
-    protocol = protocol_of(f"{short(paths=1).text}\n[assumptions]\n{lines}\n")
+    protocol = protocol_of(assuming(lines, short(paths=1).text))
     session = closed_session(tmp_path, 2, protocol=protocol)
     for path in recordings(session.folder):
         told, said = replayed(path)

@@ -15,9 +15,9 @@ from experiments.trial.normals import normals
 from experiments.trial.population import load_population
 from experiments.trial.trial import Conditions, SimulatedTrial
 
-PAPER = load_protocol()
+PAPER = load_protocol(sensing="ideal")
 PROTOCOL = replace(PAPER, devices=PAPER.devices[:1], blocks=1)
-PERSON = person_of(load_population(), PROTOCOL.seed, 1)
+PERSON = person_of(load_population("average"), PROTOCOL.seed, 1)
 LAGLESS = unrecorded.BRAKES
 
 

@@ -106,7 +106,7 @@ def test_analyze_rebuilds_every_number_and_figure_from_the_recordings_alone(stud
     bars = [(folder / "report" / "simulation_errors.csv").read_bytes() for folder in (study, tmp_path / "out")]
     assert bars[0] == bars[1]
     headers = [(folder / "report" / "report.md").read_text().split("## ")[0] for folder in (study, tmp_path / "out")]
-    assert headers[0] == headers[1] and "simulated operators (average population; changed after" in headers[0]
+    assert headers[0] == headers[1] and "simulated operators (from-device population; changed after" in headers[0]
 
 
 def test_the_report_has_the_error_bars_of_its_own_first_operator(study):

@@ -42,7 +42,7 @@ kind = "sdof"
 gap_m = [0.0, 0.005]
 [[controller]]
 kind = "proportional"
-gain_N_s_m = [500.0]
+gain_N_s_m = [400.0]
 """
 
 
@@ -69,7 +69,7 @@ def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
     cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["operator"], r["segment"]) for r in rows]
     assert len(set(cells)) == len(cells)
     assert {(r["kind"], float(r["gap_m"]), float(r["gain_N_s_m"])) for r in rows} == {
-        ("none", 0.0, 0.0), ("sdof", 0.0, 0.0), ("sdof", 0.005, 0.0), ("proportional", 0.0, 500.0)
+        ("none", 0.0, 0.0), ("sdof", 0.0, 0.0), ("sdof", 0.005, 0.0), ("proportional", 0.0, 400.0)
     }  # fmt: skip
     assert all(float(r["energy_added_max_J"]) == 0.0 and abs(float(r["energy_residual_J"])) < 1e-6 for r in rows)
     left = {path.name for path in out.iterdir()}
@@ -120,7 +120,7 @@ def test_every_row_names_its_controller_as_the_protocol_does_or_by_its_numbers(w
     assert list(rows[0])[-1] == "controller_name"
     assert {(row["kind"], row["gap_m"]): row["controller_name"] for row in rows} == {
         ("none", "0.0"): "None", ("sdof", "0.0"): "SDOF", ("sdof", "0.005"): "SDOF with gap",
-        ("proportional", "0.0"): "proportional, gap 0 mm, gain 500 N s/m",
+        ("proportional", "0.0"): "proportional, gap 0 mm, gain 400 N s/m",
     }  # fmt: skip
 
 
@@ -163,7 +163,7 @@ WRONG = {
     "unknown kind": (SMALL.replace('"none"', '"magic"'), "kind"),
     "unknown key": ("speed = 3\n" + SMALL, "speed"),
     "gap without control": (SMALL.replace('kind = "none"', 'kind = "none"\ngap_m = [0.1]'), "gap_m is not for 'none'"),
-    "gain missing": (SMALL.replace("gain_N_s_m = [500.0]", ""), "gain_N_s_m is required"),
+    "gain missing": (SMALL.replace("gain_N_s_m = [400.0]", ""), "gain_N_s_m is required"),
     "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller is given twice"),
     "unknown device": (SMALL.replace('"three-brake"', '"six-brake"'), "six-brake"),
     "unknown population": ('populations = ["kings"]\n' + SMALL, "kings"),

@@ -5,7 +5,7 @@ import numpy as np
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 
-AVERAGE = load_population()
+AVERAGE = load_population("average")
 
 
 def somebody(seed: int, **changes: float) -> Person:

@@ -24,6 +24,11 @@ def changed(text: str, **values: str) -> str:
     return text
 
 
+def assuming(lines: str, text: str = PAPER.text) -> str:
+    """The text of a protocol with these lines in its table of assumptions."""
+    return re.sub(r"(?<=^\[assumptions\]).*\n(.+\n)*", f"\n{lines}\n", text, count=1, flags=re.MULTILINE)
+
+
 def protocol_of(text: str) -> Protocol:
     """The protocol of a text with the paper's devices."""
     return protocol_from_json({**protocol_to_json(PAPER), "text": text}, "test")

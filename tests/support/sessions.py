@@ -42,7 +42,7 @@ def unfinished(data: Path) -> tuple[str, ...]:
 
 def new_session(data: Path, participant: str = "01", protocol: Protocol = PAPER, blind: bool = False) -> Session:
     """A session of a simulated operator, not yet begun."""
-    population = load_population()
+    population = load_population("average")
     person = population.draw(np.random.default_rng(3))
     who = Participant(participant, operator=person, population=population.operators)
     return Session(data, who, protocol, blind, sync=False)
