@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from experiments.analysis.chart_figures import draw_boxplots
+from experiments.analysis.findings import why_no_findings
 from experiments.study.unrecorded import simulation_errors
 
 
@@ -21,8 +22,8 @@ def _concluding(draw, errors, gap: bool = False) -> Iterator[None]:
         for module in ("study", "analyze"):
             patch.setattr(f"experiments.study.{module}.draw_boxplots", draw)
         patch.setattr("experiments.study.unrecorded.simulation_errors", errors)
-        if not gap:
-            patch.setattr("experiments.study.gap_reading.why_no_findings", lambda *_: "it is left out")
+        refusal = why_no_findings if gap else lambda *_: "it is left out"
+        patch.setattr("experiments.study.gap_reading.why_no_findings", refusal)
         yield
 
 
