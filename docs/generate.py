@@ -9,6 +9,7 @@ import inspect
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import phd
 from app.cli import make_parser
@@ -16,6 +17,9 @@ from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
 
 DOCS = Path(__file__).resolve().parent
+#: Names of `phd` that a line explains.
+IN_A_LINE = ("Device", "InputError", "load_device")
+FIELD = re.compile(r"^    (\w+): [^#\n]+# (.*)$", re.MULTILINE)
 PART = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 
 
@@ -45,22 +49,41 @@ def verbs() -> str:
 
 def python() -> str:
     """The door for Python: each name, how it is called, and its docstring."""
-    parts = []
-    for name in phd.__all__:
-        found = getattr(phd, name)
-        if found.__module__ == phd.__name__:
-            text = inspect.cleandoc(found.__doc__)
-            parts.append(f"### {name}\n\n```python\n{call_of(found)}\n```\n\n{text}\n")
-    others = [name for name in phd.__all__ if getattr(phd, name).__module__ != phd.__name__]
-    rows = [(f"`{name}`", inspect.cleandoc(getattr(phd, name).__doc__).splitlines()[0]) for name in others]
-    return "\n".join(parts) + "\n### Others\n\n" + table(("name", "what"), rows)
+    rows = [(f"`{name}`", inspect.cleandoc(getattr(phd, name).__doc__).splitlines()[0]) for name in IN_A_LINE]
+    names = [name for name in phd.__all__ if name not in IN_A_LINE]
+    return "\n".join(described(name, getattr(phd, name)) for name in names) + "\n" + table(("name", "what"), rows)
 
 
-def call_of(found: Callable) -> str:
+def described(name: str, found: Any) -> str:
+    """A function; a class with its methods; a named tuple with its fields."""
+    text = f"### {name}\n\n"
+    if not (inspect.isclass(found) and issubclass(found, tuple)):
+        text += f"```python\nphd.{call_of(name, found)}\n```\n\n"
+    text += f"{inspect.cleandoc(found.__doc__)}\n"
+    if not inspect.isclass(found):
+        return text
+    if issubclass(found, tuple):
+        said = dict(FIELD.findall(inspect.getsource(found)))
+        return text + "\n" + table(("field", "what"), [(f"`{field}`", said.get(field, "")) for field in found._fields])
+    if given := inspect.getdoc(found.__init__):
+        text += f"\n{given}\n"
+    members = [(member, value) for member, value in vars(found).items() if not member.startswith("_")]
+    shown = [(member, value) for member, value in members if callable(value) or isinstance(value, property)]
+    rows = [
+        (
+            f"`{member if isinstance(value, property) else call_of(member, value)}`",
+            " ".join(inspect.getdoc(value).split()),
+        )
+        for member, value in shown
+    ]
+    return text + "\n" + table(("member", "what"), rows)
+
+
+def call_of(name: str, found: Callable) -> str:
     """How a function is called, without types."""
-    given = inspect.signature(found).parameters.values()
-    words = ", ".join(str(one.replace(annotation=one.empty)) for one in given).replace("'", '"')
-    return f"phd.{found.__name__}({words})"
+    given = [one.replace(annotation=one.empty) for one in inspect.signature(found).parameters.values()]
+    words = ", ".join(str(one) for one in given if one.name != "self").replace("'", '"')
+    return f"{name}({words})"
 
 
 PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures, "verbs": verbs, "python": python}
