@@ -248,6 +248,7 @@ class MainWindow(QWidget):
         self._stack.setCurrentWidget(page)
         self.cards.come_forward()
         page.begin(what)
+        self._foot.setHidden(page.says_what_is_wrong)
 
     def _show_participant(self) -> None:
         """Hand every page what the participant is doing."""
@@ -402,6 +403,7 @@ class MainWindow(QWidget):
         self.preflight.show_snapshot(snapshot)
         self.banner.show_text(said := wrong(snapshot))
         self._foot.setCurrentIndex(int(bool(said)))
+        self._foot.setHidden(self.pages[self.shown].says_what_is_wrong)
         if self._stake is not None and self._stake != self._at_stake():
             self.cards.withdraw({"close"})  # it is true no more
 

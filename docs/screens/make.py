@@ -142,7 +142,7 @@ def trials(windows: Windows, hand: MadeUpHand) -> None:
     until(lambda: main.snapshot.stage == m.READY)
     run = main.page(RUN)
     assert run.workspace is not None
-    run.workspace.buttons[DIRECTIONS].setChecked(True)
+    run.workspace.layers[DIRECTIONS].setChecked(True)
     trial(windows, controller=4)
     until(lambda: hand.progress > 0.5 and brakes(windows) > 1.0)
     shoot(main, "run")

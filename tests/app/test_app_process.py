@@ -93,7 +93,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     recording = read_recording(session / result.recording)
     order = [recording.words["phase"][code] for code in dict.fromkeys(recording.column("phase"))]
     assert recording.whole and order == ["approach", "hold", "move", "end"]
-    assert run.panel.grid.statuses == {1: "done"} and run.card_shown
+    assert run.strip.plan.statuses == {1: "done"} and run.card_shown
     flags = run.card.flags.text()  # on a busy machine ticks come late
     assert flags == NO_FLAGS or (flags.count("▲") == 1 and flags.endswith("too late"))
     wait_until(lambda: "1 run verified" in main.footer.recording.text())
@@ -103,12 +103,12 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     QTest.keyClick(windows.participant.windowHandle(), Qt.Key.Key_Escape)
     wait_until(lambda: len(main.snapshot.rows) == 2 and main.snapshot.brakes_off)
     assert main.snapshot.rows[1].status == "stopped"
-    assert "Esc was pressed on the participant's screen" in main.banner.text()
+    assert "Esc was pressed on the participant's screen" in main.pages["Run"].strip.banner.toolTip()
     start = main.page(RUN).panel.start
     assert not start.isEnabled()
     QTest.keyClick(windows.participant, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)
     wait_until(start.isEnabled)
-    assert not main.banner.isVisible()
+    assert not run.strip.banner.isVisible()
 
 
 #: the app, that says when its windows are open

@@ -27,7 +27,7 @@ from app.window.canvas.layers import (
     needles,
     wedge,
 )
-from app.window.canvas.linkage_view import DIRECTIONS, LAYERS, WHOLE, Readout, Workspace
+from app.window.canvas.linkage_view import DIRECTIONS, LAYERS, VALUES, WHOLE, Readout, Workspace
 from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
 from app.window.canvas.plane import Plane
 from app.window.widgets import theme
@@ -71,7 +71,7 @@ def shown(qtbot, widget, width: int = 760, height: int = 620):
     widget.resize(width, height)
     widget.show()
     if isinstance(widget, Workspace):
-        widget.buttons[WHOLE].setChecked(True)
+        widget.layers[WHOLE].setChecked(True)
     return widget
 
 
@@ -275,9 +275,9 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qt
         add(workspace, rows[begin : begin + 100])
     view = workspace.view
     for layer in LAYERS:
-        button, before, was = workspace.buttons[layer], view.grab().toImage(), layer in view.shown
-        QTest.mouseClick(button, Qt.MouseButton.LeftButton)
-        assert (layer in view.shown) is not was and button.isChecked() is not was, layer
+        entry, before, was = workspace.layers[layer], view.grab().toImage(), layer in view.shown
+        entry.trigger()
+        assert (layer in view.shown) is not was and entry.isChecked() is not was, layer
         assert view.grab().toImage() != before, layer
         workspace.activateWindow()
         qtbot.waitUntil(workspace.isActiveWindow, timeout=60_000)
@@ -289,9 +289,10 @@ def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qt
 @pytest.mark.parametrize("size", ((430, 420), (1200, 900)))
 def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(qtbot, device, size) -> None:
     workspace = shown(qtbot, workspace_of(device), *size)
+    workspace.layers[VALUES].setChecked(True)
     view, boxes = workspace.view, []
     for whole, path in itertools.product((True, False), PATHS.values()):
-        workspace.buttons[WHOLE].setChecked(whole)
+        workspace.layers[WHOLE].setChecked(whole)
         view.show_trial(device, path, path.start_m)
         for share in np.linspace(0.0, 1.0, 5):
             tip = (1.0 - share) * np.array(path.start_m) + share * np.array(path.end_m)
@@ -306,12 +307,14 @@ def test_where_four_read_outs_have_no_room_they_take_two_lines_and_are_not_small
     drawn: list[tuple[float, int]] = []
     monkeypatch.setattr(linkage_view, "write_from", lambda painter, at, text, size, *how: drawn.append((at.y(), size)))
     workspace = shown(qtbot, workspace_of(FOUR), 330, 500)
+    workspace.layers[VALUES].setChecked(True)
     workspace.view.show_trial(FOUR, ALONG, TIP)
     add(workspace, quiet())
     drawn.clear()
     workspace.view.grab()
-    assert {size for _, size in drawn} == {theme.SMALL} and len({y for y, _ in drawn}) == 3
-    assert workspace.view.field.top() >= workspace.view.readout_box.bottom() >= max(drawn)[0]
+    lines = [line for line in drawn if line[0] < workspace.view.readout_box.bottom()]
+    assert {size for _, size in lines} == {theme.SMALL} and len({y for y, _ in lines}) == 3
+    assert workspace.view.field.top() >= workspace.view.readout_box.bottom() >= max(lines)[0]
 
 
 def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:
@@ -325,7 +328,7 @@ def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) ->
 
 def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
     workspace = shown(qtbot, workspace_of(FOUR))
-    workspace.buttons[DIRECTIONS].setChecked(True)
+    workspace.layers[DIRECTIONS].setChecked(True)
     workspace.view.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
     workspace.view.grab()
     assert workspace.view.instant.joints == {}

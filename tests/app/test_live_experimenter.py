@@ -62,7 +62,7 @@ def test_a_whole_session_of_an_experimenter(qtbot, tmp_path: Path) -> None:
     wait_until(lambda: main.snapshot.stage == m.NO_SESSION and not main.snapshot.trial_blocker)
     main.send(m.Open("01"))
     wait_until(lambda: main.snapshot.stage == m.READY and main.shown == RUN)
-    assert len(main.opened.plan) == 2 and "Willkommen" in run.small.text()
+    assert len(main.opened.plan) == 2 and "Willkommen" in run.workspace.view.line
     run_trial(windows)
     first = main.snapshot.rows[-1]
     QTest.mouseClick(run.card.exclude, LEFT)

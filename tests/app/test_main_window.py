@@ -52,9 +52,9 @@ def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_reada
     console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
     assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
     assert any("12 MB free" in text for text in visible_texts(console))
-    assert screens.main.banner.isVisible() == (state == m.BAD)
+    assert screens.run.strip.banner.isVisible() == (state == m.BAD)
     if state == m.BAD:
-        assert "Disk: 12 MB free. Free some space." in screens.main.banner.text()
+        assert "Disk: 12 MB free. Free some space." in screens.run.strip.banner.toolTip()
     screens.hear(ready())
     assert screens.press(KEY.Key_Space) == [m.Start()]
 
@@ -122,7 +122,7 @@ def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_show
     (cause,) = screens.client.off_causes
     assert cause.startswith("Esc was pressed") and where in cause
     screens.hear(ready(1, brakes_off=cause))
-    assert cause in screens.main.banner.text() and not screens.run.panel.start.isEnabled()
+    assert cause in screens.run.strip.banner.toolTip() and not screens.run.panel.start.isEnabled()
     assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
 
 
@@ -262,7 +262,10 @@ def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_oth
     screens: Screens, monkeypatch
 ) -> None:
     monkeypatch.setattr("app.window.run.trial_card.IGNORE_SPACE_S", 0.0)
-    for snapshot, says, sent in ((ready(1), "Keep and start", [m.Start()]), (ready(2, paused=True), "Keep", [])):
+    for snapshot, says, sent in (
+        (ready(1), "Keep, start next trial", [m.Start()]),
+        (ready(2, paused=True), "Keep", []),
+    ):
         screens.hear(opened(), running(len(snapshot.rows) - 1), snapshot)
         card, start = screens.run.card, screens.run.panel.start
         assert card.keep.isVisible() and card.keep.text() == says and not start.key.isVisible()
@@ -318,11 +321,11 @@ def test_analyse_and_the_footer_name_the_data_folder_before_it_is_served(screens
 
 
 def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(screens) -> None:
-    screens.main.show_page(ANALYSE)
     folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
     for wide in (1400, SMALLEST[0]):
         screens.main.resize(wide, 700)
         screens.hear(opened(folder=folder), ready(3), pulse(""))
+        screens.main.show_page(ANALYSE)
         settle(screens.main)
         footer = screens.main.footer
         needed = [one.fontMetrics().horizontalAdvance(one.text()) for one in (footer.folder, footer.recording)]
@@ -332,17 +335,19 @@ def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_
 def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
     rows = tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))
     screens.hear(opened(), running(5, rows=rows))
-    grid = screens.run.panel.grid
+    grid = screens.run.strip.plan
     assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
     assert grid.marked == 6 and grid.running
-    assert screens.run.panel.done.text() == "3 of 60 done · 1 without a result"  # the others come again
+    assert screens.run.strip.progress.text().startswith(
+        "3 of 60 done · 1 without a result · about "
+    )  # the others come again
 
 
 def test_a_repeated_trial_fills_the_cell_of_the_first(screens: Screens) -> None:
     again = PLAN[3]._replace(run=61)
     rows = (*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(again, "done"))
     screens.hear(opened(), ready(rows=rows, coming=PLAN[4]))
-    assert screens.run.panel.grid.statuses[4] == "done" and len(screens.run.panel.grid.statuses) == 4
+    assert screens.run.strip.plan.statuses[4] == "done" and len(screens.run.strip.plan.statuses) == 4
 
 
 def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
@@ -369,10 +374,10 @@ def test_ticks_reach_workspace_participant_and_traces(screens: Screens) -> None:
     screens.hear(opened(), running(over))
     screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
                        PATH_DISTANCE=-0.003))  # fmt: skip
-    assert screens.run.traces.error.newest == pytest.approx((3.0,))  # mm
-    assert screens.run.traces.force.newest == pytest.approx((5.0,))
+    assert screens.run.live.error.newest == pytest.approx((3.0,))  # mm
+    assert screens.run.live.force.newest == pytest.approx((5.0,))
     assert screens.run.workspace.view.tip == screens.participant.view.tip == (0.03, 0.397)
-    assert screens.run.large.text() == "Go"
+    assert screens.run.workspace.view.line.startswith("Participant reads: Go")
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
@@ -384,7 +389,7 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
         texts = visible_texts(console)
         told = [text for text in texts if not text.startswith("directions")]  # the name of a layer
         assert not any(name in text for name in names for text in told)
-        assert screens.run.traces.currents.isHidden() and not screens.run.energy.isVisible()
+        assert screens.run.strip.currents.isHidden() and not screens.run.strip.energy.isVisible()
         seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
         screens.press(KEY.Key_R, modifier=ALT)
     assert all(seen)
@@ -432,13 +437,13 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
     if death == "silent":
         screens.client.alive = False
         screens.hear()
-        said = screens.main.banner.text()
+        said = screens.run.strip.banner.toolTip()
         assert said == words.server_died(running(3)) and m.NOT_NOW[m.RUNNING] not in said
         assert "has stopped in the middle of run 4" in said and "brakes are off" in said
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
-        assert screens.main.banner.text() == "The disk is full."
-    assert screens.main.banner.isVisible()
+        assert screens.run.strip.banner.toolTip() == "The disk is full."
+    assert screens.run.strip.banner.isVisible()
     assert not screens.main.preflight.brakes.isEnabled()
     screens.press(KEY.Key_Escape)
     assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
@@ -454,7 +459,7 @@ def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(scr
     screens.client.alive = False
     screens.hear()
     assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
-    said = screens.main.banner.text()
+    said = screens.run.strip.banner.toolTip()
     assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
     assert said.endswith("its trial comes again.")
 
@@ -582,11 +587,17 @@ def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
     assert min(lost) < 20, lost  # less than one a frame
 
 
+def click_trial(screens: Screens, run: int) -> None:
+    settle(screens.main)
+    plan = screens.run.strip.plan
+    QTest.mouseClick(plan, Qt.MouseButton.LeftButton, pos=plan.cells[run].center().toPoint())
+
+
 def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbot, screens: Screens, tmp_path) -> None:
     with session_of(tmp_path, 2) as session:
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(2, rows=rows))
-    screens.run.panel.grid.cells[rows[0].run].click()
+    click_trial(screens, rows[0].run)
     qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
     assert screens.run.card.row == rows[0]
     assert (
@@ -595,7 +606,7 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbo
     QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
     assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Exclude(rows[0].run, "he sneezed")]
     screens.hear(ready(2, rows=rows))
-    screens.run.panel.grid.cells[rows[1].run].click()
+    click_trial(screens, rows[1].run)
     qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
     qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)
     assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
@@ -612,7 +623,7 @@ def test_the_card_of_an_earlier_trial_leaves_its_flags_to_no_other(qtbot, screen
     screens.hear(ready(2, rows=rows))
     card = screens.run.card
     assert screens.run.card_shown and card.row == rows[1] and "1 tick came" in card.flags.text()
-    screens.run.panel.grid.cells[rows[0].run].click()
+    click_trial(screens, rows[0].run)
     screens.hear(ready(2, rows=rows))  # while the recording is read
     qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
     assert "1 tick came" not in card.flags.text()
@@ -676,6 +687,6 @@ def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> N
 def test_what_is_in_memory_alone_is_said_once_and_no_trial_starts(screens: Screens) -> None:
     screens.hear(opened(), ready(3, not_written=UNDONE, in_memory="run 4", checks=STUCK, notice=f"{UNDONE}.",
                                  notice_bad=True))  # fmt: skip
-    assert screens.run.panel.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
+    assert screens.run.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
     said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
     assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()

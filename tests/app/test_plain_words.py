@@ -17,7 +17,7 @@ from app.session_server.session_progress import SessionProgress
 from app.session_server.storage import Storage
 from app.session_server.trial_runner import TrialRunner
 from app.verbs.common import label_of_key, summary_text
-from app.window.run.energy_panel import small_energy
+from app.window.run.energy import small_energy
 from app.window.widgets import words
 from experiments.analysis.report_sentences import sentences
 from experiments.analysis.statistics import Result

@@ -1,7 +1,5 @@
 """Live plots and energy ledger: what they show of ticks, and that nothing of a tick is lost."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from fake_ticks import quiet, trial
@@ -10,10 +8,12 @@ from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QApplication
 
 from app.ipc.messages import Timing
-from app.window.run.energy_panel import EnergyPanel, Ledger
+from app.window.run.energy import Ledger
+from app.window.run.live import Live
+from app.window.run.strip import Strip
 from app.window.widgets import theme
 from app.window.widgets.parts import Figures
-from app.window.widgets.plots import NO_TRIAL, NOTHING, WINDOW_S, TimingStrip, Trace, Traces, range_for
+from app.window.widgets.plots import NO_TRIAL, NOTHING, WINDOW_S, TimingStrip, Trace, range_for
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import load_device
@@ -29,10 +29,17 @@ def shown(qtbot, widget, width: int = 360, height: int = 480):
 
 
 @pytest.fixture
-def traces(qtbot) -> Traces:
-    traces = shown(qtbot, Traces())
-    traces.show_trial(FOUR)
-    return traces
+def live(qtbot) -> Live:
+    live = Live()
+    shown(qtbot, live.panel)
+    return live
+
+
+@pytest.fixture
+def strip(qtbot) -> Strip:
+    strip = shown(qtbot, Strip(), 900, 260)
+    strip.show_trial(FOUR)
+    return strip
 
 
 @pytest.fixture
@@ -91,53 +98,53 @@ def test_the_curve_is_interrupted_where_there_is_no_value(trace: Trace) -> None:
     assert np.isnan(y).any() and not ((known > 2.05) & (known < 3.95)).any()
 
 
-def test_the_pointer_reads_the_tick_under_it(traces: Traces) -> None:
+def test_the_pointer_reads_the_tick_under_it(live: Live, strip: Strip) -> None:
     rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0, CURRENT_E=0.8)
-    traces.add(rows)
-    assert traces.currents.read_at(QPointF(0.2, 0.5)) == "0.200 s: A 0.00 A, E 0.80 A, B 0.00 A, C 0.00 A"
-    assert traces.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
-    assert traces.force.read_at(QPointF(7.0, 1.0)) == ""
+    live.add(rows)
+    strip.add(rows)
+    assert strip.currents.read_at(QPointF(0.2, 0.5)) == "0.200 s: A 0.00 A, E 0.80 A, B 0.00 A, C 0.00 A"
+    assert live.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
+    assert live.force.read_at(QPointF(7.0, 1.0)) == ""
 
 
-def test_the_lowest_curve_has_the_seconds_of_all(traces: Traces) -> None:
-    for shown, blind in product((False, True), repeat=2):
-        traces.show_speed(shown)
-        traces.set_blind(blind)
-        assert traces.currents.isHidden() == blind
-        timed = [trace for trace in traces.all if trace.item.getAxis("bottom").isVisible()]
-        assert timed == [trace for trace in traces.all if not trace.isHidden()][-1:]
-
-
-def test_ranges_are_round_hold_their_value_and_only_grow(traces: Traces) -> None:
+def test_ranges_are_round_hold_their_value_and_only_grow(live: Live) -> None:
     for value in (0.001, 0.2, 3.3, 10.0, 17.0, 999.0, 1234.0):
         assert value <= range_for(value, 1e-9) <= 2.0 * value
     assert range_for(3.0, 10.0) == 10.0
-    traces.add(quiet(HAND_FX=37.0))
-    assert traces.force.end == 40.0
-    traces.add(quiet(start_s=0.016, HAND_FX=1.0))
-    assert traces.force.end == 40.0
-    traces.show_trial(FOUR)
-    assert traces.force.end == 10.0
+    live.add(quiet(HAND_FX=37.0))
+    assert live.force.end == 40.0
+    live.add(quiet(start_s=0.016, HAND_FX=1.0))
+    assert live.force.end == 40.0
+    live.clear()
+    assert live.force.end == 10.0
 
 
-def test_each_trace_says_its_value_with_its_unit(traces: Traces) -> None:
-    traces.add(quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25))
-    traces.refresh_text()
-    assert traces.error.figures.text() == "10.0 mm"
-    assert traces.force.figures.text() == "5.0 N" and traces.speed.figures.text() == "0.10 m/s"
-    assert (traces.currents.title.text(), traces.currents.figures.text()) == (
+def test_each_trace_says_its_value_with_its_unit(live: Live, strip: Strip) -> None:
+    rows = quiet(HAND_FX=3.0, HAND_FY=-4.0, TIP_VX=0.06, TIP_VY=0.08, CURRENT_E=0.8, CURRENT_C=0.25)
+    strip.figures.resize(900, 20)
+    for part in (live, strip):
+        part.add(rows)
+        part.refresh_text()
+    assert live.error.figures.text() == "10.0 mm" and live.force.figures.text() == "5.0 N"
+    assert live.time.text() == "0.0 s" and strip.speed.figures.text() == "0.10 m/s"
+    assert (strip.currents.title.text(), strip.currents.figures.text()) == (
         "Currents, A",
         "A 0.00 E 0.80 B 0.00 C 0.25",
     )
+    line = strip.figures.text()
+    assert all(part in line for part in ("E 0.80", "0.10 m/s", "taken by brakes"))
+    strip.set_blind(True)
+    strip.refresh_text()
+    assert "Currents" not in strip.figures.text() and "Energy" not in strip.figures.text()
 
 
-def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
-    traces.add(quiet(phase=tick_log.HOLD))
-    traces.refresh_text()
-    assert traces.error.figures.text() == f"{NOTHING} mm" and traces.force.figures.text() == "0.0 N"
-    traces.add(quiet(start_s=0.2))
-    traces.refresh_text()
-    assert traces.error.figures.text() == "10.0 mm"
+def test_the_error_counts_from_go_to_the_end(live: Live) -> None:
+    live.add(quiet(phase=tick_log.HOLD))
+    live.refresh_text()
+    assert live.error.figures.text() == f"{NOTHING} mm" and live.force.figures.text() == "0.0 N"
+    live.add(quiet(start_s=0.2))
+    live.refresh_text()
+    assert live.error.figures.text() == "10.0 mm"
 
 
 @pytest.mark.parametrize(
@@ -149,14 +156,14 @@ def test_the_error_counts_from_go_to_the_end(traces: Traces) -> None:
     ],
 )
 def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_what_they_couple(
-    traces, device, tick, value
+    strip, device, tick, value
 ) -> None:
-    traces.show_trial(load_device(device))
-    assert traces.currents.figures.text().count(NOTHING) == value.count("0.") + value.count("2.")
-    traces.add(quiet(**tick))
-    traces.refresh_text()
-    assert traces.currents.figures.text() == value
-    assert traces.currents.title.text() == f"Currents, {load_device(device).command_unit}"
+    strip.show_trial(load_device(device))
+    assert strip.currents.figures.text().count(NOTHING) == value.count("0.") + value.count("2.")
+    strip.add(quiet(**tick))
+    strip.refresh_text()
+    assert strip.currents.figures.text() == value
+    assert strip.currents.title.text() == f"Currents, {load_device(device).command_unit}"
 
 
 def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
@@ -210,20 +217,20 @@ def ink(image: QImage, columns: range) -> bool:
     return len({image.pixel(x, y) for x in columns for y in range(image.height())}) > 1
 
 
-def test_the_ledger_closes_and_says_that_no_brake_added_energy(qtbot) -> None:
-    panel = shown(qtbot, EnergyPanel(), 300, 110)
-    rows = trial(FOUR)
+def words(parts: list[tuple[str, str]]) -> str:
+    return " ".join(text for text, _ in parts)
+
+
+def test_the_ledger_closes_and_says_that_no_brake_added_energy() -> None:
+    ledger, rows = Ledger(), trial(FOUR)
+    assert words(ledger.whole) == words(ledger.short) == NO_TRIAL
     for begin in range(0, len(rows), 16):
-        panel.add(rows[begin : begin + 16])
-    panel.refresh_text()
-    ledger = panel.ledger
+        ledger.add(rows[begin : begin + 16])
     assert ledger.hand == pytest.approx(ledger.brakes + ledger.kinetic + ledger.stops) and ledger.brakes > 0.0
-    assert abs(ledger.residual) < 1e-12 and "no brake added energy" in panel.proof.text()
-    panel.clear()
-    assert panel.ledger.hand == 0.0 and panel.balance.text() == NO_TRIAL and not panel.proof.text()
+    assert abs(ledger.residual) < 1e-12 and "no brake added energy" in words(ledger.whole)
 
 
-def test_heat_that_falls_is_said_in_red(qtbot) -> None:
+def test_heat_that_falls_is_said_in_red_and_opens_the_strip_once(strip: Strip) -> None:
     ledger = Ledger()
     rows = quiet(20)
     rows[:, tick_log.ENERGY_BRAKES] = np.linspace(0.0, 0.1, 20)
@@ -232,9 +239,14 @@ def test_heat_that_falls_is_said_in_red(qtbot) -> None:
     assert ledger.added <= 0.0
     ledger.add(rows[10:])  # the fall is between two messages
     assert ledger.added == pytest.approx(0.02 - 0.1 / 19)
-    panel = shown(qtbot, EnergyPanel(), 300, 110)
     rows = quiet(200)
+    strip.add(rows)
+    assert strip.curves.isHidden()
     rows[100:, tick_log.ENERGY_BRAKES] = -0.003
-    panel.add(rows)
-    panel.refresh_text()
-    assert "a brake added 3 mJ" in panel.proof.text() and "no brake" not in panel.proof.text()
+    strip.add(rows)
+    strip.refresh_text()
+    assert strip.curves.isVisible() and strip.ledger.short == [("a brake added 3 mJ", COLOURS.bad)]
+    assert "a brake added 3 mJ" in strip.energy.text() and "no brake" not in strip.energy.text()
+    strip.open.click()
+    strip.add(rows)
+    assert strip.curves.isHidden(), "what was closed by hand stays closed in this trial"

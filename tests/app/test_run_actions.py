@@ -57,6 +57,7 @@ def test_a_key_acts_exactly_where_its_button_can_be_pressed_and_no_button_is_dea
     for action in ASKING:
         screens.hear(opened() if state != "no session" else opened(""), STATES[state])
         screens.main.show_page("Run")
+        screens.run.panel.more.setChecked(True)  # rare ones are folded away beside a card; their keys act all the same
         key = KEYS[action].keys[0]
         shown = [one for one in screens.run.findChildren(KeyButton) if one.key.text() == key and one.isVisible()]
         offered = [one for one in shown if one.isEnabled()]

@@ -14,7 +14,7 @@ from screens import Screens, settle
 
 from app.ipc import messages as m
 from app.window.canvas.layers import joints_at
-from app.window.run.energy_panel import Ledger
+from app.window.run.energy import Ledger
 from app.window.run.run_page import PANELS_EVERY
 from app.window.windows import FRAME_S
 from core import tick_log
@@ -72,7 +72,7 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
         screens.windows.frame()
         now = rows[begin + FRAME - 1]
         assert view.tip == (now[tick_log.TIP_X], now[tick_log.TIP_Y])  # what follows the hand never waits
-        seen.append(screens.run.traces.speed.newest)
+        seen.append(screens.run.strip.speed.newest)
     assert len(set(seen[PANELS_EVERY - 1 : -1])) == 2 and seen[-1] == seen[2 * PANELS_EVERY - 1]
     if end == "result":
         screens.hear(ready(over + 1))
@@ -81,9 +81,9 @@ def test_the_panels_go_on_with_every_third_frame_and_end_with_the_last_tick(scre
         screens.windows.frame()
     ledger = Ledger()
     ledger.add(rows)
-    assert vars(screens.run.energy.ledger).items() >= {"hand": ledger.hand, "brakes": ledger.brakes}.items()
+    assert vars(screens.run.strip.ledger).items() >= {"hand": ledger.hand, "brakes": ledger.brakes}.items()
     speed = np.hypot(*rows[-1, tick_log.TIP_VX : tick_log.TIP_VY + 1])
-    assert screens.run.traces.speed.newest == pytest.approx((speed,))
+    assert screens.run.strip.speed.newest == pytest.approx((speed,))
 
 
 def test_what_the_hand_looks_at_is_painted_before_the_console(screens: Screens) -> None:
@@ -104,7 +104,7 @@ def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screen
     screens.windows.frame()
     screens.hear(running(1))
     screens.run.show_panels()
-    assert screens.run.traces.speed.newest == () and not screens.run.energy.ledger.began
+    assert screens.run.strip.speed.newest == () and not screens.run.strip.ledger.began
 
 
 def test_a_pill_that_was_needed_before_is_used_again(screens: Screens) -> None:

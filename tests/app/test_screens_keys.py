@@ -86,7 +86,7 @@ def test_f1_lists_every_key_of_the_window_and_of_its_page_each_with_what_it_does
     named = dict(pairwise(read))
     for key in KEYS.values():
         assert named[" or ".join(key.keys)] == key.does
-    chips = {button.text().split()[-1]: button.toolTip() for button in page.workspace.buttons.values()}
+    chips = {entry.text().split()[-1]: entry.toolTip() for entry in page.workspace.layers.values()}
     assert len(chips) >= 4 and all(named[key].endswith(shows[1:]) for key, shows in chips.items())
     if name == TRY:
         assert [(named[str(n)].partition(": ")[2]) for n in range(1, 6)] == [p.name for p in PRESETS.values()]
@@ -106,7 +106,7 @@ def test_a_notice_that_comes_while_a_note_is_written_takes_none_of_it_for_an_ans
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Note("prs nab note")]
     assert screens.press(KEY.Key_Return, focus(screens)) == [m.Confirm()]
     screens.hear(ready(30, notes=("13:02 prs nab note",)))
-    assert "13:02 prs nab note" in screens.run.panel.notes.toPlainText() and screens.run.cards.notice is None
+    assert "13:02 prs nab note" in screens.run.notes.text() and screens.run.cards.notice is None
 
 
 @pytest.mark.parametrize("own_window", [False, True])
@@ -153,7 +153,7 @@ def test_over_the_console_the_view_says_how_to_get_back_to_it_and_beside_it_does
         screens.hear(snapshot)
         large, small = view_of_participant(screens)
         assert "F11" in small and ("Ctrl+B" in small) == (state == "stopped"), state
-        assert "F11" not in screens.run.small.text(), state
+        assert "F11" not in screens.run.workspace.view.line, state
         screens.participant.own_start = False
         screens.hear(snapshot)
         assert screens.participant.view.shown.large == large and "F11" not in screens.participant.view.shown.small

@@ -257,7 +257,7 @@ def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages
     window.show()
     instructed(screens, how)
     screens.client.sent.clear()
-    assert start.text() == "Next page" and screens.run.small.text() == INSTRUCTED.small
+    assert start.text() == "Next page" and screens.run.workspace.view.line == INSTRUCTED.small
     assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
     for turn, text in zip(hands, ("Follow the line.", ""), strict=True):
         turn()
@@ -311,7 +311,7 @@ def test_nobody_is_asked_to_touch_a_dot_that_is_out_of_sight(screens: Screens) -
     for x, asked in ((0.0, True), (1.5, False), (0.0, True)):
         for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE):
             screens.tick(ticks(phase, TIP_X=x), taken=False)
-            for small in (screens.participant.view.shown.small, screens.run.small.text()):
+            for small in (screens.participant.view.shown.small, screens.run.workspace.view.line):
                 assert ("Touch" in small) == asked, (x, phase)
 
 

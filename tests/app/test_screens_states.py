@@ -37,7 +37,7 @@ from app.window.canvas.path_marks import paint_way_out
 from app.window.canvas.plane import Plane
 from app.window.main_window import SMALLEST
 from app.window.participant.tone import END_HZ, GO_HZ, NO_SOUND, RATE_HZ, player, tone
-from app.window.run.plan_grid import MARKS
+from app.window.run.plan_bar import MARKS
 from app.window.run.run_page import UNMEASURED, RunPage
 from app.window.widgets import theme, words
 from app.window.widgets.plots import NOTHING
@@ -57,38 +57,41 @@ def test_nobody_is_told_that_the_next_trial_comes_while_its_start_is_blocked(scr
         promises = {ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon")}
         screens.hear(opened(), ready(over, checks=RED))
         assert screens.participant.view.shown.small == ENGLISH_WORDS["stopped_how"]
-        assert screens.run.small.text() == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
+        assert screens.run.workspace.view.line == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
         screens.hear(ready(over))
-        assert screens.run.small.text() == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
-        assert screens.participant.view.shown.small in promises and screens.run.large.text() == "Ready"
+        assert screens.run.workspace.view.line == f"Participant reads: {' · '.join(screens.participant.view.shown)}"
+        assert screens.participant.view.shown.small in promises and screens.run.large.text() in (
+            "Ready",
+            "Trial 12 done in 2.4 s",
+        )
 
 
 def test_what_the_banner_says_is_not_said_again_in_the_panel(screens: Screens) -> None:
     screens.hear(opened(), ready(12, checks=RED))
-    assert screens.main.banner.isVisible() and not screens.run.panel.notice.isVisible()
+    assert screens.run.strip.banner.isVisible() and not screens.run.notice.isVisible()
     waiting = (*GREEN[:4], m.Check("Recording", m.WAITING, "waiting"))
     screens.hear(ready(12, checks=waiting))
-    assert not screens.main.banner.isVisible() and "waiting" in screens.run.panel.notice.text()
-    assert screens.run.panel.notice.isVisible()
+    assert not screens.run.strip.banner.isVisible() and "waiting" in screens.run.notice.text()
+    assert screens.run.notice.isVisible()
 
 
 @pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
-def test_what_is_wrong_takes_the_room_of_the_footer(screens: Screens, size) -> None:
+def test_what_is_wrong_takes_the_room_of_the_strip(screens: Screens, size) -> None:
     folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
-    console, banner = screens.main, screens.main.banner
+    console, banner = screens.main, screens.run.strip.banner
     console.resize(*size)
     screens.hear(opened(), ready(3), pulse())
     settle(console)
-    before, footer = (
+    before, wide = (
         [widget.geometry() for widget in (console._stack, screens.run.workspace)],
-        console.footer.width(),
+        screens.run.strip.plan.width(),
     )
     many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
     for snapshot in (ready(3, checks=many), ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True)):
         screens.hear(snapshot)
         settle(console)
         assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
-        assert banner.width() == footer and banner.isVisible()
+        assert banner.width() == wide and banner.isVisible()
         lines = banner.words.fontMetrics().boundingRect(banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text())
         assert lines.height() <= banner.words.height(), "both lines are seen whole"
     assert before == [widget.geometry() for widget in (console._stack, screens.run.workspace)], "nothing moves"
@@ -100,7 +103,7 @@ def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Scre
     screens.hear(opened(), ready(9, stage=m.FAILED, notice="The loop cannot be started.", in_memory="run 4"))
     assert [button.text() for button in screens.run.cards.notice.buttons] == ["Open folder"], "run 4 would be lost"
     screens.hear(ready(9, stage=m.FAILED, notice="The loop cannot be started.", notice_bad=True))
-    assert screens.run.large.text() == "Stopped" and "Please wait" in screens.run.small.text()
+    assert screens.run.large.text() == "Stopped" and "Please wait" in screens.run.workspace.view.line
     screens.press(KEY.Key_Space)
     assert asked == [], "it starts trials, nothing else"
     screens.main.blockSignals(True)  # no other server is started
@@ -109,16 +112,16 @@ def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Scre
     assert asked == [(None, m.Open("01", resume=True))]
 
 
-def test_the_whole_plan_is_in_sight_at_1280_x_720(screens: Screens) -> None:
-    for checks in (GREEN, RED):
-        console = screens.hear(opened(), ready(12, checks=checks, notes=NOTES))
-        settle(console)
-        grid = screens.run.panel.grid
-        assert not screens.run.panel.scroll_area.verticalScrollBar().isVisible()
-        cells = [cell.geometry() for cell in grid.cells.values()]
-        assert len(cells) == len(PLAN) and all(grid.rect().contains(cell) for cell in cells)
-        assert min(cell.height() for cell in cells) > 8.0
-        assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
+@pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
+def test_the_whole_plan_is_in_sight(screens: Screens, size) -> None:
+    screens.main.resize(*size)
+    console = screens.hear(opened(), ready(12, notes=NOTES))
+    settle(console)
+    plan = screens.run.strip.plan
+    cells = list(plan.cells.values())
+    assert len(cells) == len(PLAN) and all(QRectF(plan.rect()).contains(cell) for cell in cells)
+    assert min(cell.height() for cell in cells) > 8.0 and min(cell.width() for cell in cells) > 6.0
+    assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
 
 
 def test_a_card_that_has_room_shows_all_of_its_parts(screens: Screens) -> None:
@@ -142,18 +145,18 @@ def test_the_device_that_comes_has_no_numbers_of_the_trial_before_and_no_force_t
     screens.hear(opened(), running(29))
     screens.tick(movement(PLAN[29].segment, "AEB", 1.0))
     view = screens.run.workspace.view
-    assert view.title == "Move" and "N" in view.force_texts["hand"]
+    assert "N" in view.force_texts["hand"]
     screens.hear(ready(30, stage=m.RERIG))
     assert PLAN[29].configuration != PLAN[30].configuration == view.instant.device.name
-    assert (view.title, view.line) == ("", "") and set(view.force_texts.values()) == {"–"}
+    assert view.title == "" and set(view.force_texts.values()) == {"–"}
 
 
 def test_between_trials_the_curves_stay_and_no_value_beside_them_is_one_of_now(screens: Screens) -> None:
     screens.hear(opened(), running())
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
     screens.hear(ready(1))
-    traces = screens.run.traces
-    assert (traces.force.figures.text(), traces.speed.figures.text(), len(traces.force.t)) == ("– N", "– m/s", 1000)
+    force, speed = screens.run.live.force, screens.run.strip.speed
+    assert (force.figures.text(), speed.figures.text(), len(force.t)) == ("– N", "– m/s", 1000)
 
 
 def test_the_sign_says_that_a_trial_is_recorded_as_soon_as_the_trial_is_shown(screens: Screens) -> None:
@@ -169,23 +172,24 @@ def test_nothing_of_a_trial_stays_on_run_after_its_session_is_closed(screens: Sc
     screens.hear(opened(), running())
     screens.tick(movement(PLAN[0].segment, "AEB", 1.0))
     view = screens.run.workspace.view
-    assert view.trail and len(screens.run.timing.t)
+    assert view.trail and len(screens.run.strip.timing.t)
     screens.hear(ready(1), opened(""), before())
     assert not view.trail and not len(view.outline) and view.tip is None
-    assert not any(len(trace.t) for trace in (*screens.run.traces.all, screens.run.timing))
-    assert not screens.run.energy.ledger.began
+    live, strip = screens.run.live, screens.run.strip
+    assert not any(len(trace.t) for trace in (live.error, live.force, strip.speed, strip.currents, strip.timing))
+    assert not screens.run.strip.ledger.began
 
 
 def test_energy_makes_no_claim_before_there_is_a_tick(screens: Screens) -> None:
     screens.hear(opened(), ready())
     assert (
-        "no brake added energy" not in screens.run.energy.proof.text()
-        and "no trial yet" in screens.run.energy.balance.text()
+        "no brake added energy" not in screens.run.strip.energy.text()
+        and "no trial yet" in screens.run.strip.energy.text()
     )
     screens.hear(running())
     screens.tick(movement(PLAN[0].segment, "AEB", 0.5))
     assert (
-        "no brake added energy" in screens.run.energy.proof.text() and "under 1 nJ" in screens.run.energy.proof.text()
+        "no brake added energy" in screens.run.strip.energy.text() and "under 1 nJ" in screens.run.strip.energy.text()
     )
 
 
@@ -201,7 +205,7 @@ def test_on_the_bench_a_step_is_named_for_what_it_is_and_waits_while_it_is_done(
 
 def test_a_board_that_went_while_brakes_are_off_comes_before_them_and_the_place_is_not_shown_as_measured(screens):
     screens.hear(opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST))
-    banner, line = screens.main.banner.text(), screens.run.workspace.view
+    banner, line = screens.run.strip.banner.toolTip(), screens.run.workspace.view
     assert banner.startswith("Device: not connected. No sample for 200 ms.") and "llow" not in banner
     assert not screens.main.preflight.brakes.isEnabled(), "pressing it would help nothing yet"
     assert screens.press(KEY.Key_B, modifier=Qt.KeyboardModifier.ControlModifier) == []
@@ -209,7 +213,7 @@ def test_a_board_that_went_while_brakes_are_off_comes_before_them_and_the_place_
     off = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. Esc.")
     assert told(off) == "Brakes off. Esc." and told(RED[3]) == f"{RED[3].text}. {RED[3].advice}"
     screens.hear(ready(9, brakes_off="Esc", checks=(off, *WELL[1:])))
-    assert screens.main.banner.text().count("Esc.") == 1 and not line.line
+    assert screens.run.strip.banner.toolTip().count("Esc.") == 1 and line.line != UNMEASURED
     assert screens.main.preflight.brakes.isEnabled() and screens.run.large.text() == "Brakes off"
 
 
@@ -232,8 +236,8 @@ def test_all_numbers_in_one_picture_are_of_one_tick(screens: Screens) -> None:
     for begin in range(0, len(rows), 16):
         screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
         screens.windows.frame()
-        view, read = screens.run.workspace.view, screens.run.traces
-        assert read.force.figures.text().split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
+        view, read = screens.run.workspace.view, screens.run.strip
+        assert screens.run.live.force.figures.text().split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
         for joint, doing in view.doing.items():
             current = read.currents.figures.text().split(joint + " ")[1].split()[0]
             assert (doing.state == OFF) == (current in ("0.00", "–"))
@@ -249,7 +253,7 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     other[:, tick_log.ENERGY_BRAKES] += 0.2 * other[:, tick_log.T]
     for rows in (one, other):
         console = screens.hear(opened(), running(1, blind=blind), running(0, blind=blind), pulse())
-        for button in screens.run.workspace.buttons.values():
+        for button in screens.run.workspace.layers.values():
             button.setChecked(True)
         screens.participant.show()
         settle(console)  # curves are painted piece by piece from the first tick on, both times
@@ -264,7 +268,7 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
 def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(screens, blind):
     (console, participant), (other_console, other_participant) = pictures(screens, blind)
     assert (console == other_console) == blind and participant == other_participant
-    assert screens.run.workspace.buttons[REACHABLE].isVisible() != blind
+    assert screens.run.workspace.layers[REACHABLE].isVisible() != blind
 
 
 def test_every_status_has_its_colour_and_all_but_done_a_mark() -> None:
@@ -276,18 +280,18 @@ def test_a_trial_that_was_cut_short_is_marked_counts_as_open_and_comes_next(scre
     rows = (result(PLAN[0]), result(PLAN[1], "stopped"))
     again = PLAN[1]._replace(run=61)
     console = screens.hear(opened(), ready(2, rows=rows, coming=again, notice="Run 2: the board. It comes again."))
-    grid = screens.run.panel.grid
-    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.panel.done.text()
+    grid = screens.run.strip.plan
+    assert grid.statuses[2] == "stopped" and grid.marked == 2 and "1 of 60 done" in screens.run.strip.progress.text()
     assert screens.run.panel.start.isEnabled() and "comes again" in " ".join(visible_texts(console))
-    assert screens.run.small.text().startswith("Participant reads: Stopped")
+    assert screens.run.workspace.view.line.startswith("Participant reads: Stopped")
 
 
 def test_the_end_of_the_plan_says_how_many_trials_have_no_result(screens: Screens) -> None:
     rows = [*map(result, PLAN)]
     screens.hear(opened(), ready(59))
-    assert "min left" in screens.run.panel.time.text()
+    assert "min left" in screens.run.strip.progress.text()
     console = screens.hear(opened(), m.Snapshot(m.FINISHED, tuple(rows)))
-    assert "no result" not in " ".join(visible_texts(console)) and "min left" not in screens.run.panel.time.text()
+    assert "no result" not in " ".join(visible_texts(console)) and "min left" not in screens.run.strip.progress.text()
     assert f"{len(PLAN)} runs are recorded and verified" in " ".join(visible_texts(console))
     screens.hear(opened(), ready(1))
     rows[3], rows[7] = result(PLAN[3], "aborted"), result(PLAN[7], "skipped")
@@ -320,14 +324,14 @@ def test_after_practice_there_is_how_it_ended_and_no_second_welcome(screens: Scr
     for status in ("done", "stopped", "timeout"):
         practised = result(PLAN[0]._replace(block=0), status)
         screens.hear(opened(), running(0, running=PLAN[0]._replace(block=0)), ready(0, newest=practised))
-        assert ENGLISH_WORDS[status] in screens.run.small.text() and not screens.run.card_shown
+        assert ENGLISH_WORDS[status] in screens.run.workspace.view.line and not screens.run.card_shown
 
 
 def test_the_participant_reads_the_language_of_the_protocol(screens: Screens) -> None:
     protocol = paper(language="de", language_text=language_text("de", FOLDER))
     german = protocol.sentences
     screens.hear(opened(protocol=protocol), ready(1))
-    assert screens.participant.view.shown.large == "Gut gemacht" and "Gut gemacht" in screens.run.small.text()
+    assert screens.participant.view.shown.large == "Gut gemacht" and "Gut gemacht" in screens.run.workspace.view.line
     screens.hear(ready(1, stage=m.QUESTIONS))
     assert german["effort"] in [label.text() for label in screens.participant.questions.findChildren(QLabel)]
 
@@ -338,7 +342,7 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial_or_keeps_the_n
         {"stage": m.FINISHED},
     ):  # fmt: skip
         screens.hear(GIVEN, running(2), ready(3, **following))
-        for said in (screens.participant.view.shown.small, screens.run.small.text()):
+        for said in (screens.participant.view.shown.small, screens.run.workspace.view.line):
             assert ERROR in said and CUE in said, following
         screens.hear(opened(), ready(3, **following))
         assert ERROR not in screens.participant.view.shown.small, following
@@ -348,7 +352,7 @@ def test_feedback_and_cue_are_said_whatever_comes_after_the_trial_or_keeps_the_n
 
 def test_a_step_says_to_the_participant_what_its_card_has_for_them(screens: Screens) -> None:
     screens.hear(opened(), ready(3, stage="a text", card=m.StepCard("Text", "", participant="Think of a line")))
-    assert screens.participant.view.shown.large == "Think of a line" == screens.run.small.text()[-15:]
+    assert screens.participant.view.shown.large == "Think of a line" == screens.run.workspace.view.line[-15:]
 
 
 def test_feedback_is_on_the_page_of_questions_that_covers_everything_else(screens: Screens) -> None:
@@ -400,12 +404,12 @@ def test_a_player_is_one_that_reaches_a_sound_device(tmp_path: Path, monkeypatch
 
 
 def test_tones_that_cannot_be_heard_are_named_to_the_experimenter(screens: Screens, monkeypatch) -> None:
-    monkeypatch.setattr("app.window.run.session_panel.player", lambda: None)
+    monkeypatch.setattr("app.window.run.run_page.player", lambda: None)
     screens.hear(opened(protocol=paper(tones=True)), ready(0))
-    assert screens.run.panel.notice.text() == NO_SOUND
+    assert screens.run.notice.text() == NO_SOUND
     for tones, over in ((False, 0), (True, 1)):  # once, before the first trial
         screens.hear(opened(protocol=paper(tones=tones)), ready(over))
-        assert not screens.run.panel.notice.isVisible()
+        assert not screens.run.notice.isVisible()
 
 
 def test_the_arrow_to_a_handle_out_of_sight_is_seen_whole_in_a_corner_too(screens: Screens) -> None:

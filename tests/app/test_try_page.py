@@ -183,7 +183,7 @@ def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_h
 def test_the_layer_of_the_gap_is_dead_where_there_is_no_gap(held: Held) -> None:
     for gap_m in (0.0, 0.005):
         held.page.show_snapshot(tried(INITIAL.with_parameters(gap_m=gap_m)))
-        assert held.page.workspace.buttons[GAP].isEnabled() == (gap_m > 0.0)
+        assert held.page.workspace.layers[GAP].isEnabled() == (gap_m > 0.0)
 
 
 def test_the_controllers_of_the_paper_have_their_passes_in_sight_in_a_small_window(held: Held) -> None:
@@ -289,9 +289,9 @@ def test_both_forces_stand_in_words_at_the_foot_below_every_path_unless_the_laye
             foot = canvas.rect().adjusted(0, canvas.height() - round(FOOT_PX), -canvas.width() // 2, 0)
             assert not any(foot.contains(canvas.to_screen(place).toPoint()) for place in canvas.outline)
             shown = canvas.grab(foot).toImage()
-            held.page.workspace.buttons[FORCES].click()
+            held.page.workspace.layers[FORCES].trigger()
             assert canvas.grab(foot).toImage() != shown
-            held.page.workspace.buttons[FORCES].click()
+            held.page.workspace.layers[FORCES].trigger()
 
 
 def test_where_the_pointer_can_take_the_handle_is_seen_until_it_has_taken_it(held: Held) -> None:

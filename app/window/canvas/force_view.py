@@ -1,28 +1,27 @@
 """A handle on a path as its newest tick is: its trail, the forces of hand and brakes with their values; layers that
-keys and buttons show and hide."""
+a menu and its keys show and hide."""
 
 import math
 from collections.abc import Mapping
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF
-from PySide6.QtGui import QPainter
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtGui import QAction, QPainter, QResizeEvent
+from PySide6.QtWidgets import QMenu, QPushButton
 
 from app.window.canvas.layers import Doing, Instant, Point, doing
 from app.window.canvas.marks import arrow_of, paint_arrow
 from app.window.canvas.path_marks import Sizes
 from app.window.canvas.plane import Plane
 from app.window.canvas.small_view import SmallView
-from app.window.widgets import theme
 from app.window.widgets.keys import add_key
-from app.window.widgets.parts import Flow, Panel, column, row, toggle
+from app.window.widgets.parts import NO_FOCUS, Panel, column, row
 from app.window.widgets.theme import COLOURS, pen
 from core import tick_log
 from core.device import Device
 from core.path import PathFile
 
-TRAIL, FORCES, LINKAGE = "trail", "forces", "linkage"
+TRAIL, FORCES, LINKAGE, INSET = "trail", "forces", "linkage", "whole device, small"
 HAND, BRAKES = "hand", "brakes"  # whose force
 FORCE_COLOUR = {HAND: COLOURS.good, BRAKES: COLOURS.brake_slipping}
 INSET_PX, INSET_SIZES = 180, Sizes(path=2.0, ring=4.0, ring_pen=2.0, handle=4.5, pointer=0.0)  # wide, at most
@@ -54,10 +53,8 @@ class ForceView(Plane):
 
     inset_at_top = False
 
-    def __init__(
-        self, extent: QRectF, keep_free: QMarginsF, sizes: Sizes, grid: bool = False, follows_mouse: bool = False
-    ) -> None:
-        super().__init__(extent, sizes, keep_free, grid, follows_mouse)
+    def __init__(self, extent: QRectF, keep_free: QMarginsF, sizes: Sizes, follows_mouse: bool = False) -> None:
+        super().__init__(extent, sizes, keep_free, follows_mouse)
         self.instant: Instant | None = None  # of the device; none before the first trial
         self.phase, self.began_s = -1, 0.0  # of the running trial, and when it began; -1: none runs
         self.shown = {TRAIL, FORCES}
@@ -194,21 +191,37 @@ class ForceView(Plane):
 
 
 class Layered(Panel):
-    """A view, and below it the buttons that show and hide its layers."""
+    """A view, and the menu that shows and hides its layers."""
 
-    def __init__(self, view: ForceView, layers: Mapping[str, tuple[str, str]]) -> None:
-        """layers: name -> its key, what it shows."""
+    def __init__(self, view: ForceView, layers: Mapping[str, tuple[str, str]], over: bool = True) -> None:
+        """layers: name -> its key, what it shows. over: the menu lies over a corner of the view, else in the foot."""
         super().__init__("canvas")
-        self.view = view
+        self.view, self._over = view, over
         self.keys = {key: f"show or hide {shows[0].lower()}{shows[1:]}" for key, shows in layers.values()}
-        self.buttons = {layer: self._button(layer, *about) for layer, about in layers.items()}
-        self.foot = row((Flow(*self.buttons.values(), gap=5), 1), spacing=4, margins=(8, 0, 8, 8))
-        self.setLayout(column((view, 1), *([self.foot] if layers else []), spacing=4, margins=(2, 2, 2, 2)))
+        self.menu = QMenu(self)
+        self.menu.setToolTipsVisible(True)
+        self.layers = {layer: self._entry(layer, *about) for layer, about in layers.items()}
+        self.foot = row(margins=(0, 0, 0, 0) if over else (8, 0, 8, 8))
+        self.setLayout(column((view, 1), self.foot, spacing=0, margins=(2, 2, 2, 2)))
+        self.show_button = QPushButton("Show  ▾", self, objectName="small", focusPolicy=NO_FOCUS)
+        self.show_button.setMinimumHeight(30)
+        self.show_button.setMenu(self.menu)
+        self.show_button.setVisible(bool(layers))
+        if not over:
+            self.foot.addWidget(self.show_button)
+            self.foot.addStretch(1)
 
-    def _button(self, layer: str, key: str, shows: str) -> QPushButton:
-        show, on = (lambda shown: self.view.show_layer(layer, shown)), layer in self.view.shown
-        button = toggle(f"{layer}  {key}", show, on, shows)
-        button.setMinimumHeight(26)  # half of it holds the round ends
-        button.setFont(theme.font(theme.SMALL))
-        add_key(key, self, button.toggle)
-        return button
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if self._over:
+            self.show_button.adjustSize()
+            self.show_button.move(self.width() - self.show_button.width() - 14, 12)
+
+    def _entry(self, layer: str, key: str, shows: str) -> QAction:
+        """An entry of the menu, which its key presses too."""
+        entry = QAction(f"{layer[0].upper()}{layer[1:]}\t{key}", self, checkable=True, toolTip=shows)
+        entry.setChecked(layer in self.view.shown)
+        entry.toggled.connect(lambda shown: self.view.show_layer(layer, shown))
+        self.menu.addAction(entry)
+        add_key(key, self, entry.toggle)
+        return entry

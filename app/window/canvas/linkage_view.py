@@ -8,26 +8,36 @@ from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
-from app.window.canvas.force_view import FORCE_COLOUR, FORCES, LINKAGE, TRAIL, ForceView, Layered
+from app.window.canvas.force_view import FORCE_COLOUR, FORCES, INSET, LINKAGE, TRAIL, ForceView, Layered
 from app.window.canvas.path_marks import AT_DESK
-from app.window.canvas.plane import SCALE_PX
 from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, font, pen, shade, text_width, write_from
+from app.window.widgets.theme import COLOURS, font, pen, shade, text_width, write, write_from
 from core import tick_log
 from core.device import Device
 from core.path import Path, PathFile, build_path
 
-FIELD, DIRECTIONS, REACHABLE = "field", "directions", "force"
-WHOLE = "device"  # not a layer, but what is seen: the whole device, or the paths
+FIELD, DIRECTIONS, REACHABLE = "desired directions", "directions of the brakes", "forces of the brakes"
+VALUES = "values"
+WHOLE = "whole device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 #: The read-outs: from the top, from line to line, and from one to the next.
 READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
 MOST_BRAKES = 4  # of a device: their read-outs have room on one line, or on two
-FOOT_PX = 20.0  # high, of the line below
+FOOT_PX, EDGE_PX = 30.0, 20.0  # high, of the line below; clear at the sides
+SCALE_M, SCALE_NAME = 0.05, "5 cm"  # of the bar that shows the scale
 WIDEST_READOUT = "A slips 88.8 N m "
 READOUT_HEADS = ("Force", "Brakes", "")  # of the lines
+LEGEND_PX, SAMPLE_PX, BESIDE_RING_PX = 20.0, 18.0, 6.0  # high, a line of the legend; wide, its sample; a word's gap
+#: layer -> what its marks mean
+LEGENDS = {
+    FIELD: "desired direction of motion",
+    DIRECTIONS: "motion that one locked brake leaves; bold: the controller's choice",
+    REACHABLE: "forces that the brakes can exert now",
+}
+ASSUMED = "parameters assumed"
+SAMPLE_WEDGE = layers.Wedge(-0.5, 0.5, (-0.5, 0.5))
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -43,23 +53,23 @@ class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
     def __init__(self, worded: bool = True) -> None:
-        """worded: with the line above, a grid, read-outs and the whole device in a corner; a small view has no room."""
+        """worded: with the line above, a scale, read-outs and a legend; a small view has no room."""
         half_ring = QMarginsF(15.0, 8.0, 15.0, 15.0)
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), half_ring, AT_DESK, grid=worded)
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), half_ring, AT_DESK)
         self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
         self._assumed = False  # some parameters of the device
         self._worded_view = worded
         self._path: Path | None = None  # of the trial
-        self.shown = {FIELD, REACHABLE, TRAIL, LINKAGE, FORCES}
+        self.shown = {TRAIL, LINKAGE, FORCES}
         self.title, self.line = "", ""
         self.sense = 1.0  # of travel
         self.fit()
 
     def fit(self) -> None:
-        """The plane keeps clear of its scale and of the lines above and below it, which may be more or fewer now."""
+        """The plane keeps clear of the lines above and below it, which may be more or fewer now."""
         if self._worded_view:
-            top, foot = self.readout_box.bottom(), FOOT_PX
-            self._keep_free = QMarginsF(SCALE_PX + 6.0, top, 44.0, foot)
+            top, foot = self.readout_box.bottom() if VALUES in self.shown else READOUT_TOP_PX, FOOT_PX
+            self._keep_free = QMarginsF(EDGE_PX, top, EDGE_PX, foot)
         super().fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
@@ -97,9 +107,11 @@ class LinkageView(ForceView):
         self.refresh_text()
 
     def show_layer(self, layer: str, shown: bool) -> None:
+        super().show_layer(layer, shown)
         if layer == WHOLE:
             self.set_extent(self._extents[shown])
-        super().show_layer(layer, shown)
+        elif layer == VALUES:
+            self.fit()
 
     def show_text(self, title: str, line: str) -> None:
         """Write the line above the drawing."""
@@ -108,12 +120,11 @@ class LinkageView(ForceView):
 
     @property
     def whole_in_corner(self) -> bool:
-        return self._worded_view and LINKAGE in self.shown and WHOLE not in self.shown
+        return self._worded_view and INSET in self.shown
 
     # painting
 
     def paint_under_path(self, painter: QPainter) -> None:
-        assumed = self._assumed and self._worded_view
         if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = (
@@ -122,17 +133,25 @@ class LinkageView(ForceView):
             )
             found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
-        if assumed:
-            painter.setFont(font(theme.SMALL))
-            painter.setPen(pen(COLOURS.caution, 1.0, 0.9))
-            painter.drawText(QRectF(self.field.bottomLeft(), self.rect().bottomRight()), LEFT, "parameters assumed")
+        if self._worded_view and self._path is not None:
+            self._paint_scale(painter)
         super().paint_under_path(painter)
+
+    def _paint_scale(self, painter: QPainter) -> None:
+        """A bar of a known length, and whether parameters of the device are assumed."""
+        wide, low = self.scale * SCALE_M, self.height() - 9.0
+        left = QPointF(0.5 * (self.width() - wide), low)
+        painter.setPen(pen(COLOURS.quiet, 1.5))
+        painter.drawLine(left, left + QPointF(wide, 0.0))
+        write(painter, left + QPointF(0.5 * wide, -10.0), SCALE_NAME, theme.SMALL, False, COLOURS.quiet)
+        if self._assumed:
+            write_from(painter, QPointF(EDGE_PX, low - 6.0), ASSUMED, theme.SMALL, False, COLOURS.caution)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:
             return
         if self._worded_view:
-            painter.setClipRect(self.field)  # the names of the lines are not covered
+            painter.setClipRect(self.field)  # the words are not covered
         handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
         if REACHABLE in self.shown and not self.blind and (wedge := now.reachable()):
             marks.paint_wedge(painter, handle, wedge)
@@ -143,13 +162,16 @@ class LinkageView(ForceView):
                 painter, handle, layers.directions(now.device, now.g, field), field, now.device.labels
             )
         marks.paint_joints(painter, rings, now.device.labels, None if self.blind else self.doing)
+        self._paint_states(painter, rings, now.device.labels)
         self.paint_forces(painter, now)
         painter.setClipping(False)
 
     def paint_over_handle(self, painter: QPainter) -> None:
-        if self._worded_view and self.instant is not None and self.tip is not None and LINKAGE in self.shown:
-            self._paint_readouts(painter, self.instant.device.labels)
-        x, high = 16.0, 26
+        if self._worded_view and self.instant is not None and self.tip is not None:
+            if VALUES in self.shown:
+                self._paint_readouts(painter, self.instant.device.labels)
+            self._paint_legend(painter)
+        x, high = EDGE_PX, 26
         for text, size, bold, colour in (
             (self.title, theme.HEAD, True, COLOURS.text),
             (self.line, theme.NORMAL, False, COLOURS.quiet),
@@ -158,6 +180,37 @@ class LinkageView(ForceView):
             painter.setPen(shade(colour))
             painter.drawText(QRectF(x, 8.0, self.width(), high), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
+
+    def _paint_states(self, painter: QPainter, rings: Mapping[str, QPointF], labels: Mapping[str, str]) -> None:
+        """Beside the ring of each brake that acts, in words, what it does: a colour alone would not be enough."""
+        for joint, (state, _) in self.doing.items() if self._worded_view and not self.blind else ():
+            if state != layers.OFF and joint in rings:
+                reach = marks.ring_radius(labels[joint]) + BESIDE_RING_PX
+                wide = text_width(state, theme.SMALL)
+                left = rings[joint].x() - reach - wide
+                at = QPointF(left if left > 0.0 else rings[joint].x() + reach, rings[joint].y())
+                write_from(painter, at, state, theme.SMALL, False, COLOURS.text)
+
+    def _paint_legend(self, painter: QPainter) -> None:
+        """What the marks of each layer mean that is laid over the view."""
+        shown = [layer for layer in (FIELD, DIRECTIONS, REACHABLE) if layer in self.shown]
+        shown = [layer for layer in shown if layer != REACHABLE or not self.blind]
+        x, y = EDGE_PX, self.height() - FOOT_PX - LEGEND_PX * len(shown)
+        for layer in shown:
+            wide = SAMPLE_PX + 8.0 + text_width(LEGENDS[layer], theme.SMALL)
+            painter.fillRect(QRectF(x - 4.0, y, wide + 8.0, LEGEND_PX), shade(COLOURS.canvas, 0.92))
+            middle = QPointF(x + 0.5 * SAMPLE_PX, y + 0.5 * LEGEND_PX)
+            if layer == REACHABLE:
+                marks.paint_wedge(painter, middle + QPointF(-0.4 * SAMPLE_PX, 0.0), SAMPLE_WEDGE, 0.9 * SAMPLE_PX)
+            elif layer == FIELD:
+                middles = np.array([[middle.x(), middle.y()]])
+                marks.paint_field(painter, middles, np.array([[1.0, 0.0]]), 2.0 * SAMPLE_PX)
+            else:
+                tail = middle - QPointF(0.5 * SAMPLE_PX, 0.0)
+                marks.paint_arrow(painter, tail, QPointF(SAMPLE_PX, 0.0), COLOURS.accent, 3.0)
+            at = QPointF(x + SAMPLE_PX + 8.0, middle.y())
+            write_from(painter, at, LEGENDS[layer], theme.SMALL, False, COLOURS.text)
+            y += LEGEND_PX
 
     def moving_box(self) -> QRect:
         return self.rect()
@@ -226,24 +279,26 @@ LAYERS = {
         "How the handle can move while one brake alone is locked; bold: nearest to the desired direction",
     ),
     REACHABLE: ("W", "The forces that the brakes can exert against the present motion"),
+    VALUES: ("V", "The size of both forces, and what each brake does"),
+    INSET: ("I", "The whole device with its brakes, in a corner"),
     TRAIL: ("T", "Where the handle has been in this trial"),
-    LINKAGE: ("L", "Arms, brakes and their values"),
+    LINKAGE: ("L", "Arms and brakes"),
     WHOLE: ("Z", "The whole device, not only the paths and 10 cm around them"),
 }
 PHASE_NAMES = {tick_log.APPROACH: "Approach", tick_log.HOLD: "Hold", tick_log.MOVE: "Move", tick_log.END: "End"}
 
 
 class Workspace(Layered):
-    """Linkage, forces and layers of one trial, with the buttons that show and hide them."""
+    """Linkage, forces and layers of one trial, with the menu that shows and hides them."""
 
     view: LinkageView
 
     def __init__(self, whole: bool = True) -> None:
-        """whole: with the line above, read-outs and buttons, for which a small one has no room."""
+        """whole: with the line above, read-outs and the menu, for which a small one has no room."""
         super().__init__(LinkageView(whole), LAYERS if whole else {})
 
     def set_blind(self, blind: bool) -> None:
         """Hide brake colours, torques, the brakes' force and what they could exert."""
         self.view.set_blind(blind)
-        if REACHABLE in self.buttons:
-            self.buttons[REACHABLE].setVisible(not blind)
+        if REACHABLE in self.layers:
+            self.layers[REACHABLE].setVisible(not blind)

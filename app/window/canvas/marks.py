@@ -124,17 +124,17 @@ def paint_directions(
     paint_arrow(painter, handle, QPointF(field.beta_x, -field.beta_y) * (0.6 * DIRECTION_PX), COLOURS.text, 1.6)
 
 
-def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge) -> None:
+def paint_wedge(painter: QPainter, handle: QPointF, found: Wedge, radius: float = WEDGE_PX) -> None:
     """The wedge and, in it, each brake by itself."""
     painter.setPen(Qt.PenStyle.NoPen)
     painter.setBrush(shade(COLOURS.wedge, 0.24))
-    box = QRectF(handle.x() - WEDGE_PX, handle.y() - WEDGE_PX, 2.0 * WEDGE_PX, 2.0 * WEDGE_PX)
+    box = QRectF(handle.x() - radius, handle.y() - radius, 2.0 * radius, 2.0 * radius)
     first, span = math.degrees(found.first), math.degrees(found.last - found.first)
     painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)  # a third of the time; the edges below are smooth
     painter.drawPie(box, round(16.0 * first), round(16.0 * span))  # sixteenths of a degree
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setPen(pen(COLOURS.wedge_edge, 1.2))
     for angle in found.spokes:
-        painter.drawLine(handle, handle + QPointF(math.cos(angle), -math.sin(angle)) * WEDGE_PX)
+        painter.drawLine(handle, handle + QPointF(math.cos(angle), -math.sin(angle)) * radius)
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.drawArc(box, round(16.0 * first), round(16.0 * span))

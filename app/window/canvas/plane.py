@@ -28,8 +28,7 @@ from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas import path_marks
 from app.window.canvas.layers import SPACING_M, Point
 from app.window.canvas.path_marks import AT_DESK, Sizes, polygon
-from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS, font, pen, shade
+from app.window.widgets.theme import COLOURS, pen, shade
 from core.obstacles import ObstacleFile
 from core.path import PathFile, Segment, outline
 
@@ -38,8 +37,6 @@ EDGE_PX = 4.0  # around the middle of a line or the radius of a disc: what it co
 #: A way is drawn through the first point in each such square that it comes into: nowhere further off than its diagonal,
 #: which is less than a pixel of a screen at 200 %, too.
 THIN_PX = 0.3
-SCALE_PX = 58.0  # wide, of the names of the lines
-RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 def around(places: QPolygonF | list[QPointF], reach: float) -> QRect:
@@ -56,7 +53,7 @@ def grip_of(device: QPointingDevice, pressure: float) -> float:
 class Plane(QWidget):
     """Path, start, end, trail, handle, pointer and spring. A subclass adds what else it shows.
 
-    extent: what must be seen, m. keep_free: px at each side that stay clear of it. grid: lines every 10 cm.
+    extent: what must be seen, m. keep_free: px at each side that stay clear of it.
     follows_mouse: the pointer over this widget is the hand, and drawn.
     """
 
@@ -69,11 +66,10 @@ class Plane(QWidget):
         extent: QRectF,
         sizes: Sizes = AT_DESK,
         keep_free: QMarginsF | None = None,
-        grid: bool = False,
         follows_mouse: bool = True,
     ) -> None:
         super().__init__()
-        self.sizes, self._extent, self._grid = sizes, extent, grid
+        self.sizes, self._extent = sizes, extent
         self._keep_free = keep_free or QMarginsF()
         self._background, self._still = QPixmap(), False  # for what stands still; whether it is up to date
         self._box, self._painted_box = QRect(), QRect()  # px, around what moves: now, and as it was painted last
@@ -193,9 +189,8 @@ class Plane(QWidget):
 
     @property
     def field(self) -> QRectF:
-        """The part (px) beside the names of the lines, and between what stands at top and bottom in words."""
-        left, free = SCALE_PX if self._grid else 0.0, self._keep_free
-        return QRectF(self.rect()).adjusted(left, free.top(), -14.0, -free.bottom())
+        """The part (px) between what stands at top and bottom in words."""
+        return QRectF(self.rect()).adjusted(0.0, self._keep_free.top(), 0.0, -self._keep_free.bottom())
 
     def to_screen(self, point: Sequence[float] | np.ndarray) -> QPointF:
         """Place of the plane (m) -> point of the widget (px)."""
@@ -297,8 +292,6 @@ class Plane(QWidget):
         self._background.setDevicePixelRatio(ratio)
         self._background.fill(shade(COLOURS.canvas))
         painter = QPainter(self._background)
-        if self._grid:
-            self._paint_grid(painter)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         for corners in self._obstacles:
             painter.setPen(pen(COLOURS.quiet, 2.0))
@@ -314,22 +307,6 @@ class Plane(QWidget):
         self._trail_end = np.empty((0, 2))
         for piece in self.trail if self.trail_shown else ():  # as they came: each pixel is as it was
             self._paint_piece(piece)
-
-    def _paint_grid(self, painter: QPainter) -> None:
-        """Lines every 10 cm; those across are named, as far as their names have room."""
-        field, half = self.field, 10.0
-        left, right, top, bottom = field.left(), field.right(), field.top() + 5.0, field.bottom()
-        painter.setFont(font(theme.SMALL))
-        for i in range(-20, 21):
-            at = self.to_screen((0.1 * i, 0.1 * i))
-            x, y = round(at.x()) + 0.5, round(at.y()) + 0.5
-            painter.setPen(pen(COLOURS.line, 1.0, 0.55))
-            if left < x < right:
-                painter.drawLine(QPointF(x, top), QPointF(x, bottom))
-            if i >= 0 and top + half < y < bottom - half:
-                painter.drawLine(QPointF(left, y), QPointF(right, y))
-                painter.setPen(pen(COLOURS.quiet, 1.0))
-                painter.drawText(QRectF(0.0, y - half, left - 8.0, 2.0 * half), RIGHT, f"{10 * i} cm")
 
     @property
     def rings_px(self) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from PySide6.QtCore import QMarginsF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QPainter, QTextCursor, QTextFormat
 from PySide6.QtWidgets import QFileDialog, QMenu, QPushButton, QTextEdit
 
+from app.window.canvas.grid import beside_names, paint_grid
 from app.window.canvas.path_marks import paint_disc, paint_path, polygon
 from app.window.canvas.plane import Plane
 from app.window.home.protocol_mistakes import in_words, line_of
@@ -73,7 +74,7 @@ class PathPicture(Plane):
     """The protocol's paths by number, on the places that every device reaches."""
 
     def __init__(self) -> None:
-        super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 10.0), grid=True, follows_mouse=False)
+        super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 10.0), follows_mouse=False)
         self._ways: dict[int, np.ndarray] = {}
         self._free = np.empty((0, 2))
 
@@ -82,7 +83,8 @@ class PathPicture(Plane):
         self.repaint_still()
 
     def paint_under_path(self, painter: QPainter) -> None:
-        painter.setClipRect(self.field)  # the names of the lines are not covered
+        paint_grid(painter, self)
+        painter.setClipRect(beside_names(self))  # the names of the lines are not covered
         painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
         painter.drawPoints(polygon(self.pixels(self._free)))
         for at, (number, way) in enumerate(self._ways.items()):

@@ -1,10 +1,10 @@
-"""The Run page: plan and commands at the left, the workspace, and at the right the running trial's curves or the card
-of the trial that has just ended."""
+"""The Run page: the workspace, under it the strip, and at the right the running trial or the card of the last one, with
+what can be asked for."""
 
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtGui import QResizeEvent
@@ -13,45 +13,46 @@ from app.ipc import messages as m
 from app.window.canvas.force_view import RefreshClock
 from app.window.canvas.linkage_view import Workspace
 from app.window.participant.questionnaire import Questionnaire
+from app.window.participant.tone import NO_SOUND, player
 from app.window.run.actions import Actions, possible
-from app.window.run.energy_panel import EnergyPanel
+from app.window.run.commands import Commands
+from app.window.run.live import Live
 from app.window.run.session_cards import ABORT, REDO, SKIP, SessionCards
-from app.window.run.session_panel import SessionPanel
+from app.window.run.strip import Strip
 from app.window.run.trial_card import TrialCard
 from app.window.widgets import theme, words
 from app.window.widgets.cards import EXCLUDE, Ask
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
     PART,
-    Figures,
+    FittedLabel,
     KeyButton,
+    OneLine,
+    Panel,
     column,
     holder,
     keep_room,
-    panel,
     row,
     stack,
     text_label,
     wrapped_label,
 )
-from app.window.widgets.plots import TimingStrip, Traces
 from app.window.widgets.preflight import advice
-from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import describe, feedback, hand_is_mouse
+from app.window.widgets.words import cell, describe, feedback, hand_is_mouse, trial_name
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
-from experiments.store.cells import place
 
-#: px: the right column takes this share of the page, within these bounds; below this height one curve less is shown
-RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST, LOW_PX = 0.29, 290, 440, 560
+#: px: the right column takes this share of the page, within these bounds
+RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST = 0.27, 290, 440
+SIGN_PX, HEAD_PX, FOOT_PX = 40, 52, 12  # high: the sign of recording, the head, what is free below
 #: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
-KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep and start", "Close"  # what Space does with the card
+KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep, start next trial", "Close"  # what Space does with the card
 WRITING = "One moment …"
 #: action -> its question, what its button says while it is done, the command for a trial and the answer
 ASKED: dict[str, tuple[Ask, str, Callable[..., object]]] = {
@@ -60,13 +61,27 @@ ASKED: dict[str, tuple[Ask, str, Callable[..., object]]] = {
     "skip": (SKIP, WRITING, lambda _, why: m.Skip(why)),
     "abort": (ABORT, "Aborting …", lambda _, why, again: m.Abort(why, again)),
 }
-BEFORE = (
-    "While it runs: path error, force of the hand, currents of the brakes, speed, energy, and how late the loop is. "
-    "After it: its card, to keep, repeat or exclude it."
-)
+BEFORE = "While a trial runs you see its path error and tip force here; after it, its card: keep, repeat or exclude it."
 AFTER = "Click a trial of the plan to see its card again."
+NO_SESSION = "No session is open"
+READS = "The participant reads the instructions; after the last page the first trial can be started."
 INSTRUCTED = words.Shown("Instructions", "Participant reads them. Space: next page")
+ENDED = "The trial ended while you were asked. What you wrote is here; or keep the trial: Esc."
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
+
+
+class Waiting(NamedTuple):
+    """A command that the server has not answered yet."""
+
+    button: KeyButton  # that asked for it
+    text: str  # what it says meanwhile
+
+
+class Earlier(NamedTuple):
+    """An earlier trial whose cell of the plan was clicked."""
+
+    run: int
+    ticks: np.ndarray  # (n, tick_log.WIDTH)
 
 
 class RunPage(Page):
@@ -74,43 +89,49 @@ class RunPage(Page):
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
-        self.panel = SessionPanel()
-        #: where the session stands and what the participant reads, and the workspace under it
-        self.large, self.small = Figures(theme.LARGE, bold=True), Figures(theme.TITLE)
+        self.panel, self.strip, self.live, self.card = Commands(), Strip(), Live(), TrialCard()
+        self.questions = Questionnaire()
+        self.large, self.small = OneLine("", "", theme.HEAD, bold=True), OneLine("", "quiet", theme.NORMAL)
+        self.notice = FittedLabel(3, theme.SMALL)
+        self.recording = text_label("", "sign", theme.TITLE, bold=True)
+        self.recording.setFixedHeight(SIGN_PX)
         self.workspace = Workspace()
         keep_room(self.workspace)
         self.workspace.hide()  # until a protocol decides its scale
         self.workspace.view.setMouseTracking(True)  # the pointer over it is the hand
-        self.traces, self.energy, self.timing = Traces(), EnergyPanel(), TimingStrip()
-        self.card, self.questions = TrialCard(), Questionnaire()
-        self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
-        self._waiting: list[np.ndarray] = []  # ticks that the panels have not had yet
-        self._ticks: list[np.ndarray] = []  # of the running trial, for its card
-        self._judged: set[int] = set()  # runs whose card was answered
-        #: run and ticks (n, tick_log.WIDTH) of an earlier trial whose cell of the plan was clicked; None: no such trial
-        self._earlier: tuple[int, np.ndarray] | None = None
-        self._reading = BackgroundTask(self._show_earlier)  # its recording
-        self._numbers = RefreshClock()
+        self.about, self.notes = wrapped_label(BEFORE, "quiet"), wrapped_label("", "quiet", theme.SMALL)
         self.can = Actions()  # what can be done now
-        self._asked_by: tuple[KeyButton, str] | None = None  # the button of the command that is being done, its text
-        self.recording = text_label("Not recording", "sign", theme.TITLE, bold=True)  # its place stays
+        self._waiting: Waiting | None = None
+        self._earlier: Earlier | None = None
+        self._reading = BackgroundTask(self._show_earlier)  # its recording
+        self._judged: set[int] = set()  # runs whose card was answered
+        self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
+        self._ticks: list[np.ndarray] = []  # of the running trial, for its card
+        self._new = 0  # pieces of them that the panels have not had yet
         self._proof: m.Proof | None = None  # the newest: of the running recording
-        self._opened_s = time.perf_counter()  # when the session was opened here
-        self._centre = holder(column(row(self.large, self.recording), self.small, (self.workspace, 1)))
-        live = holder(column((self.traces, 4), (self.timing, 1), self.energy, spacing=8))
-        self.about = wrapped_label(BEFORE, "quiet")
-        self._right = stack(live, self.card, panel("The trial", self.about, 1))
-        whole = holder(row(self.panel, (self._centre, 1), self._right, spacing=theme.GAP))
-        self._stack = stack(whole, self.questions)
-        self.setLayout(row(self._stack))
+        self._numbers = RefreshClock()
+        self._lay_out()
         self.cards = SessionCards(self._centre)
         self._connect()
-        self._write(words.PREPARING)
+        self._write(*words.PREPARING)
+
+    def _lay_out(self) -> None:
+        said = holder(column(self.large, self.small, 1, spacing=2))
+        head = holder(row((said, 3), (self.notice, 2), spacing=theme.GAP))
+        head.setFixedHeight(HEAD_PX)
+        self._centre = holder(column(head, (self.workspace, 1), spacing=8))
+        nothing = holder(column(self.about, self.notes, 1, spacing=12))
+        self._right, right = stack(self.live.panel, self.card, nothing), Panel()
+        right.setLayout(column((self._right, 1), self.panel, spacing=10, margins=(16, 12, 16, 14)))
+        self._column = holder(column(self.recording, (right, 1), spacing=theme.GAP))
+        left = column((self._centre, 1), self.strip, spacing=theme.GAP)
+        whole = holder(row((holder(left), 1), self._column, spacing=theme.GAP, margins=(0, 0, 0, FOOT_PX)))
+        self._stack = stack(whole, self.questions)
+        self.setLayout(row(self._stack))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._right.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
-        self.traces.show_speed(self.height() > LOW_PX)
+        self._column.setFixedWidth(min(max(round(RIGHT_SHARE * self.width()), RIGHT_LEAST), RIGHT_MOST))
 
     def _connect(self) -> None:
         for signal, do in (
@@ -118,7 +139,7 @@ class RunPage(Page):
             (self.panel.pause.clicked, self.pause),
             (self.panel.leave.clicked, self._leave),
             (self.panel.noted, self._note),
-            (self.panel.grid.clicked, self._show_cell),
+            (self.strip.plan.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
             (self.questions.changed, self.answers_changed),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
@@ -135,6 +156,11 @@ class RunPage(Page):
 
     def own_keys(self) -> dict[str, str]:
         return self.workspace.keys
+
+    @property
+    def says_what_is_wrong(self) -> bool:
+        """The strip does, unless the questions stand in its place."""
+        return self._stack.currentIndex() == 0
 
     # ------------------------------------------------------------------------------------------- user actions
 
@@ -160,7 +186,7 @@ class RunPage(Page):
     def _command(self, command: object, button: KeyButton, waits: str) -> None:
         """Send a command; until the server has answered, its button says so and no other can be sent."""
         self.send(command)
-        self._asked_by = button, waits
+        self._waiting = Waiting(button, waits)
         self._refresh()
 
     def pause(self) -> None:
@@ -169,8 +195,11 @@ class RunPage(Page):
             paused = self.snapshot.paused
             self._command(m.Pause(not paused), self.panel.pause, "Resuming …" if paused else "Pausing …")
 
-    def ask(self, action: str) -> None:
-        """Ask why, then repeat, exclude, skip or abort the trial that `Actions` names for it."""
+    def ask(self, action: str, written: str = "") -> None:
+        """Ask why, then repeat, exclude, skip or abort the trial that `Actions` names for it.
+
+        written: a reason that was written already; the question says so.
+        """
         question, waits, command = ASKED[action]
         trial, opened = self.can.of(action), self.opened
         if trial is None or opened is None:
@@ -182,7 +211,8 @@ class RunPage(Page):
             self._command(command(trial, *why), pressed, waits)
 
         about = describe(trial, opened, self.snapshot.blind)
-        self.cards.ask(question.of_trial(place(trial, opened.plan), about), answered)
+        question = question.of_trial(trial_name(trial, opened.plan, self.snapshot.rows), about)
+        self.cards.ask(question._replace(text=ENDED) if written else question, answered, written)
 
     def _leave(self) -> None:
         self.cards.ask_to_leave(lambda: self._command(m.Leave(), self.panel.leave, "Closing …"), self.unsaved())
@@ -214,7 +244,7 @@ class RunPage(Page):
         if self.opened is not None and self.snapshot.running is None:
             self._reading.ask(read_ticks, row.run, Path(self.opened.folder) / row.recording)
 
-    def _show_earlier(self, trial: tuple[int, np.ndarray] | InputError) -> None:
+    def _show_earlier(self, trial: Earlier | InputError) -> None:
         if isinstance(trial, InputError):
             self.cards.show_message("The recording cannot be read", str(trial))
         elif self.snapshot.running is None:
@@ -233,7 +263,6 @@ class RunPage(Page):
         if before is None or before.folder != opened.folder:
             self._judged = {row.run for row in self.snapshot.rows}
             self._reading.forget()
-            self._opened_s = time.perf_counter()
         self._shown = None
         if before is None or not same_places(before.protocol, opened.protocol):
             self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
@@ -245,26 +274,44 @@ class RunPage(Page):
         before = self.snapshot
         super().show_snapshot(snapshot)
         if not snapshot.notice.startswith(m.DISK_WAIT):
-            self._asked_by = None  # this is the answer
+            self._waiting = None  # this is the answer
         if before.stage in (m.PREPARING, m.NO_SESSION):
             self._judged = {row.run for row in snapshot.rows}  # of an earlier day
+        written = self.cards.written("abort") if snapshot.stage != m.RUNNING else ""
         if snapshot.stage == m.NO_SESSION:
             self.cards.leave()  # what it asks is of a session that is closed, and so is the note
             self.panel.note.clear()
             if before.stage != m.NO_SESSION:
-                self._clear_trial()
-                if self.opened is not None:
-                    self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
-                    self.workspace.view.show_text("", "")
+                self._clear_session()
         elif before.stage != snapshot.stage:
             self.cards.withdraw({"abort"} if snapshot.stage != m.RUNNING else {"redo", "exclude", "skip", "leave"})
         self._refresh()
         self._show_trial(before)
         self._show_recording()
+        if written:
+            self._keep_what_was_written(written)
+
+    def _keep_what_was_written(self, reason: str) -> None:
+        """The trial ended by itself while it was asked why to abort it: the reason is asked for what can be done now,
+        or becomes a note that is not sent yet."""
+        if self.can.redo is not None:
+            self.ask("redo", reason)
+        else:
+            self.panel.write_note()
+            self.panel.note.setText(reason)
+
+    def _clear_session(self) -> None:
+        """Nothing of the session that was closed stays."""
+        self._clear_trial()
+        if self.opened is not None:
+            self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
+            self.workspace.view.show_text("", "")
 
     def _clear_trial(self) -> None:
         """Nothing of the last trial stays."""
-        for part in (self._waiting, self._ticks, self.traces, self.energy, self.timing):
+        self._ticks.clear()
+        self._new = 0
+        for part in (self.live, self.strip):
             part.clear()
 
     def _show_trial(self, before: m.Snapshot) -> None:
@@ -282,19 +329,20 @@ class RunPage(Page):
             self._clear_trial()
             device = opened.protocol.device(now.configuration)
             self.workspace.view.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
+            self.strip.show_trial(device)
             if snapshot.running is not None:
                 self._write_phase(tick_log.APPROACH, taken=False)
-            self.traces.show_trial(device)
         elif snapshot.running is None:
             self.show_panels()
-            self.traces.rest()
+            self.live.rest()
+            self.strip.rest()
             last = self.workspace.view.tip if snapshot.stage == m.FAILED else None  # nobody says where it is now
             self.workspace.view.rest(last or snapshot.tip)
-        if snapshot.running is None and opened.real_device and not snapshot.place_known:
-            self.workspace.view.show_text("", UNMEASURED)
+        if snapshot.running is None:
+            self._write_between()
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        self.timing.show_timing(pulse.timing, runs=pulse.proof is not None)
+        self.strip.show_timing(pulse.timing, runs=pulse.proof is not None)
         self._proof = pulse.proof
         self._show_recording()
 
@@ -316,44 +364,88 @@ class RunPage(Page):
         self.workspace.view.add(rows, taken if hand_is_mouse(self.opened) else None)
         self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
         self._ticks.append(rows)
-        self._waiting.append(rows)
-        if len(self._waiting) >= PANELS_EVERY:
+        self._new += 1
+        if self._new >= PANELS_EVERY:
             self.show_panels()
 
     def show_panels(self) -> None:
         """Draw the waiting ticks in the panels; at a trial's end up to its last."""
-        if self._waiting:
-            rows = np.concatenate(self._waiting)
-            self._waiting.clear()
-            for add in (self.traces.add, self.energy.add, self.timing.add_ticks):
-                add(rows)
-            now = rows[-1, tick_log.T]
-            if self._numbers.due(float(now)) or self.snapshot.running is None:
+        if self._new:
+            rows = np.concatenate(self._ticks[-self._new :])
+            self._new = 0
+            for part in (self.live, self.strip):
+                part.add(rows)
+            now = float(rows[-1, tick_log.T])
+            if self._numbers.due(now) or self.snapshot.running is None:
                 # one tick for all numbers: the same force beside its arrow and its curve
-                self.traces.refresh_text()
-                self.energy.refresh_text()
-                if self.snapshot.running is not None:
-                    self.workspace.view.show_numbers(rows[-1])
+                for part in (self.live, self.strip):
+                    part.refresh_text()
+                self.workspace.view.refresh_text()
+
+    # ------------------------------------------------------------------------------------------- words
 
     def _write_phase(self, phase: int, taken: bool) -> None:
         """What the participant reads in a phase of a trial."""
         held, seen = taken or not hand_is_mouse(self.opened), self.workspace.view.handle_seen
         shown = words.moving(phase, held, words.language_of(self.opened), seen=seen)
         if shown is not None:
-            self._write(shown)
+            self.workspace.view.show_text("", reads(shown))
 
-    def _write(self, shown: words.Shown) -> None:
-        self.large.show_parts((shown.large, COLOURS.text))
-        self.small.show_parts((shown.small, COLOURS.quiet))
+    def _write_between(self) -> None:
+        """What the participant reads while no trial runs, who is told less; and whether the place is measured."""
+        snapshot, opened = self.snapshot, self.opened
+        instructed = self.participant_reads and not advice(snapshot) and snapshot.stage != m.FAILED
+        line = INSTRUCTED.small if instructed else reads(words.between(snapshot, opened))
+        unmeasured = opened is not None and opened.real_device and not snapshot.place_known
+        self.workspace.view.show_text("", UNMEASURED if unmeasured else line)
+
+    def _write(self, large: str, small: str) -> None:
+        self.large.setText(large)
+        self.small.setText(small)
+
+    def _write_head(self, opened: m.Opened) -> None:
+        """Where the session stands: the running trial, the one on the card, or what is waited for."""
+        snapshot, plan = self.snapshot, opened.plan
+        who = f"Participant {opened.participant}" if opened.participant else NO_SESSION
+        trial: PlannedTrial | TrialRow | None = snapshot.running
+        if trial is not None:
+            name = trial_name(trial, plan, snapshot.rows)
+            number, comma, tries = name.partition(",")
+            of = f" of {len(plan)}" if trial.block and plan else ""
+            self._write(f"{number.capitalize()}{of}{comma}{tries}", told(who, trial, opened, snapshot.blind))
+            return
+        large, coming = words.head_of(snapshot, bool(advice(snapshot))), snapshot.coming
+        if self.participant_reads and large == "Ready":
+            large = INSTRUCTED.large
+        on_card = self.card.row if self.card_shown else None
+        if on_card is not None and large in ("Ready", "Paused"):
+            ended = words.ended(on_card)
+            name = trial_name(on_card, plan, snapshot.rows).capitalize()
+            self._write(f"{name} {ended}", told(who, on_card, opened, snapshot.blind))
+        elif coming is not None and opened.participant:
+            following = f"next: {trial_name(coming, plan, snapshot.rows)}"
+            self._write(large, told(PART.join((who, following)), coming, opened, snapshot.blind))
+        else:
+            self._write(large, who)
+
+    def _write_notice(self, opened: m.Opened) -> None:
+        """What happened, and else why no trial can be started, unless the strip says it already."""
+        snapshot = self.snapshot
+        notice, bad = snapshot.notice, snapshot.notice_bad
+        if snapshot.not_written and notice == f"{snapshot.not_written}.":  # the strip says it, as far as it has room
+            notice = f"Lost if this program ends: {snapshot.in_memory}." if snapshot.in_memory else ""
+        if not notice and snapshot.stage == m.READY and not advice(snapshot):
+            silent = opened.protocol.tones and not snapshot.rows and player() is None  # once, before the first trial
+            notice = snapshot.trial_blocker or (READS if self.participant_reads else NO_SOUND if silent else "")
+        theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
+        self.notice.show_text("" if snapshot.stage == m.FAILED else notice)  # there the strip says it
+        self.notice.setVisible(bool(self.notice.text()))
+
+    # ------------------------------------------------------------------------------------------- all of it
 
     def show_time(self, now_s: float) -> None:
-        """What only the clock changes: the countdown of a break, the minutes that have passed."""
+        """What only the clock changes: the countdown of a break."""
         self.cards.show_time(now_s)
-        in_session = self.opened is not None and self.opened.participant
-        so_far, over = int((now_s - self._opened_s) / 60.0), self.snapshot.stage == m.FINISHED
-        left = "" if over else words.minutes(self.snapshot.seconds_left)
-        parts = (left, f"{so_far} min so far" if so_far and in_session else "")
-        self.panel.time.setText(PART.join(filter(None, parts)))
 
     def begin(self, what: object = None) -> None:
         """what: m.Leave: ask whether to close the session."""
@@ -369,25 +461,23 @@ class RunPage(Page):
         self._stack.setCurrentIndex(1 if asks else 0)
         self.questions.show_feedback(feedback(snapshot, opened))
         self._show_card(opened)
-        self.can = can = possible(snapshot, self.card.row if self.card_shown else None, self._asked_by is not None)
-        self.panel.show_session(opened, snapshot, can, self.participant_reads)
-        for pressed, possible_now in ((self.panel.start, can.start), (self.panel.redo, can.redo is not None)):
-            pressed.setEnabled(possible_now and not self.card_shown)  # one button for a key
-            pressed.key.setVisible(not self.card_shown)
+        on_card = self.card_shown
+        self.can = possible(snapshot, self.card.row if on_card else None, self._waiting is not None)
+        self.panel.offer(snapshot, self.can, on_card, self.participant_reads)
+        self.strip.show_session(opened, snapshot)
         self.cards.show_session(opened, snapshot, self)
-        keep = CLOSE if self._earlier is not None else KEEP_AND_START if can.start else KEEP
-        self.card.offer(can, keep, has_space=self.cards.notice is None)
-        if self._asked_by is not None:
-            button, waits = self._asked_by
-            button.setText(waits)
+        keep = CLOSE if self._earlier is not None else KEEP_AND_START if self.can.start else KEEP
+        self.card.offer(self.can, keep, has_space=self.cards.notice is None)
+        if self._waiting is not None:
+            self._waiting.button.setText(self._waiting.text)
         self.workspace.set_blind(snapshot.blind)
+        self.strip.set_blind(snapshot.blind)
         self.about.setText(AFTER if snapshot.stage in (m.FINISHED, m.FAILED) else BEFORE)
+        self.notes.setText("\n".join(snapshot.notes))
+        self._write_head(opened)
+        self._write_notice(opened)
         if snapshot.running is None:
-            read, wrong = words.between(snapshot, opened), bool(advice(snapshot))
-            instructed = self.participant_reads and not wrong and snapshot.stage != m.FAILED
-            self._write(INSTRUCTED if instructed else words.to_experimenter(snapshot, read, wrong))
-        self.traces.set_blind(snapshot.blind)
-        self.energy.setVisible(not snapshot.blind)  # what the brakes took would tell the controllers apart
+            self._write_between()
 
     def _show_card(self, opened: m.Opened) -> None:
         """The card of the trial that was clicked, or of the newest until it is judged; else the live curves."""
@@ -402,15 +492,26 @@ class RunPage(Page):
             if earlier is None and self._ticks:
                 ticks = np.concatenate(self._ticks)
             self.card.show_row(row, rows, ticks, opened, snapshot)
-        live = snapshot.running is not None or self.energy.ledger.began
+        live = snapshot.running is not None or self.strip.ledger.began
         self._right.setCurrentIndex(1 if wanted else 0 if live else 2)
 
 
-def read_ticks(run: int, recording: Path) -> tuple[int, np.ndarray]:
-    """A run, and its ticks (n, tick_log.WIDTH)."""
+def reads(shown: words.Shown) -> str:
+    """What the participant reads, for the experimenter."""
+    return f"Participant reads: {PART.join(filter(None, shown))}"
+
+
+def told(about: str, trial: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) -> str:
+    """The line under the head: about, then controller, device and path of a trial."""
+    *controller, path = cell(trial, opened, blind).split(PART)
+    return PART.join((about, *controller, trial.configuration, path))
+
+
+def read_ticks(run: int, recording: Path) -> Earlier:
+    """A run, and its ticks."""
     from experiments.store.playback import read_playback  # takes a second, which the start of the app has not
 
-    return run, read_playback(recording).ticks
+    return Earlier(run, read_playback(recording).ticks)
 
 
 def same_places(a: Protocol, b: Protocol) -> bool:

@@ -20,11 +20,11 @@ ABORT = Ask(
     leave="Go on",  # Esc takes the brakes off
 )  # fmt: skip
 REDO = Ask(
-    "redo", "Repeat trial {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
+    "redo", "Repeat {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
     ("the participant was distracted", "the task was not understood", "something disturbed the trial"),
 )  # fmt: skip
 SKIP = Ask(
-    "skip", "Skip trial {}?", "{}. It is marked as skipped and does not come again.", "Skip",
+    "skip", "Skip {}?", "{}. It is marked as skipped and does not come again.", "Skip",
     ("the participant asked", "short of time", "a fault in this condition"),
 )  # fmt: skip
 UNBLIND = Ask(

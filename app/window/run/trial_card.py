@@ -11,19 +11,19 @@ from PySide6.QtWidgets import QWidget
 
 from app.ipc import messages as m
 from app.window.run.actions import Actions
-from app.window.run.session_panel import key_button
+from app.window.run.commands import MAIN_PX, key_button
 from app.window.widgets import theme
-from app.window.widgets.parts import OneLine, Panel, column, row, text_label, wrapped_label
+from app.window.widgets.parts import OneLine, column, row, text_label, wrapped_label
 from app.window.widgets.plots import Graph, range_for
 from app.window.widgets.theme import COLOURS, colour_of
 from app.window.widgets.words import SHORT, in_colour
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
-from experiments.store.cells import place
 
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
 NO_FLAGS = "No flags"
+GRAPH_PX = 52  # high, of a measure's axis
 
 
 class Measure(QWidget):
@@ -40,11 +40,10 @@ class Measure(QWidget):
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
         self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
-        about = column(
-            OneLine(SHORT.get(metric.title, metric.title), "quiet"), row(self.value, self.unit, 1), spacing=0
-        )
-        self.setLayout(row((about, 1), (self.graph, 1), spacing=6, margins=(0, 2, 0, 2)))
-        self.graph.setFixedHeight(52)
+        name = OneLine(SHORT.get(metric.title, metric.title), "", theme.NORMAL)
+        head = row(name, self.value, self.unit, spacing=6)
+        self.setLayout(column(head, self.graph, spacing=0))
+        self.graph.setFixedHeight(GRAPH_PX)
 
     def show_values(self, now: TrialRow, earlier: Sequence[TrialRow], others: Sequence[TrialRow], colour: str) -> None:
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
@@ -66,29 +65,27 @@ class Measure(QWidget):
         self.graph.setXRange(0.0, self.end, padding=0.03)
 
 
-class TrialCard(Panel):
+class TrialCard(QWidget):
     """Keep, repeat or exclude a trial."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.setObjectName("clear")
         self.row: TrialRow | None = None
         self._since_s = 0.0
-        self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
-        self.what = wrapped_label("", size=theme.SMALL)
+        self.own = wrapped_label("", "quiet", theme.SMALL)
         self.legend = wrapped_label("", "quiet", theme.SMALL)
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]
         self.flags = wrapped_label("", "quiet")
         self.keep = key_button("Keep", "start", "main")
+        self.keep.setMinimumHeight(MAIN_PX)
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
         self.asks = {"redo": self.redo, "exclude": self.exclude}
-        decide = column(self.keep, self.redo, self.exclude)
-        head = row(self.dot, self.title, 1)
-        self._layout = column(
-            head, self.what, self.legend, *self.measures, 1, self.flags, decide,
-            margins=(14, 10, 14, 12),
-        )  # fmt: skip
+        self._decide = column(self.keep, self.redo, self.exclude)
+        self._layout = column(*self.measures, self.own, self.legend, self.flags, 1, self._decide, spacing=10)
         self.setLayout(self._layout)
+        self.setMinimumHeight(1)  # it hides what has no room, and asks for none
 
     @property
     def ready(self) -> bool:
@@ -106,14 +103,8 @@ class TrialCard(Panel):
         counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
         here = [other for other in counted if other.configuration == row.configuration]
         same = [other for other in here if other.controller == row.controller]
-        self.dot.setStyleSheet(f"color: {colour}")
-        self.title.setText(f"Trial {place(row, opened.plan)} of {len(opened.plan)}")
-        duration_s = row.value("duration_s")
-        took = f" in {duration_s:.1f} s" if duration_s is not None else ""
-        ended = {"done": f"done{took}", "timeout": "time was up"}.get(row.status, row.status)
-        own = [f"{name} {value:.3g}" for name, value in row.own.items()]  # by their names, which end in their units
-        name = opened.protocol.controller_name(row.controller)
-        self.what.setText(" · ".join((ended, name, f"path {row.segment}", *own)))
+        self.own.setText("\n".join(f"{name} {value:.3g}" for name, value in row.own.items()))  # ends in its unit
+        self.own.setVisible(bool(row.own))
         faint = theme.mixed(COLOURS.panel, colour, EARLIER_ALPHA).name()
         shown = [("◉", colour, "this trial", True), ("●", faint, "same controller", bool(same))]
         shown.append(("●", COLOURS.brake_off, "others", len(here) > len(same)))
@@ -126,12 +117,12 @@ class TrialCard(Panel):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Hide what a low window has no room for: the legend, then the last measures."""
-        least = (self.legend, *reversed(self.measures))
-        for part in least:
-            part.show()
-        for part in least:
-            part.setVisible(self._layout.minimumHeightForWidth(self.width()) <= self.height())
+        """Hide what a low window has no room for: the legend first, then the last measures."""
+        room, gap = self.height() - self._decide.sizeHint().height(), self._layout.spacing()
+        for part in (self.flags, *filter(lambda part: bool(part.text()), (self.own,)), *self.measures, self.legend):
+            needed = part.heightForWidth(self.width()) if part.hasHeightForWidth() else part.sizeHint().height()
+            room -= needed + gap
+            part.setVisible(room >= 0 or part is self.flags)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -85,8 +85,8 @@ class TryPage(Page):
         over.setVerticalSpacing(0)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
-        self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
-        self.workspace.buttons[FORCES].toggled.connect(lambda _: self._show_forces())
+        self.workspace, passes = Layered(self.canvas, LAYERS, over=False), Panel()
+        self.workspace.layers[FORCES].toggled.connect(lambda _: self._show_forces())
         self.workspace.foot.addWidget(self.bring)
         self.workspace.foot.addWidget(self.start)
         head = row(text_label("Passes", size=theme.TITLE, bold=True), self.notice, self.clear, self.save)
@@ -153,7 +153,7 @@ class TryPage(Page):
 
     def _show_gap(self) -> None:
         self.canvas.show_gap(self.controls.gap_m)
-        self.workspace.buttons[GAP].setEnabled(self.canvas.gap_m > 0.0)
+        self.workspace.layers[GAP].setEnabled(self.canvas.gap_m > 0.0)
 
     def _clear(self) -> None:
         if self.snapshot.sandbox is not None and self.snapshot.sandbox.passes:

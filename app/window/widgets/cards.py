@@ -37,13 +37,13 @@ class Ask(NamedTuple):
     own: str = "Another reason"  # what one's own words are
     leave: str = "Cancel  Esc"  # the words of the button that closes it
 
-    def of_trial(self, number: int, about: str = "") -> "Ask":
-        """The same of one trial of the plan."""
-        return self._replace(title=self.title.format(number), text=self.text.format(about))
+    def of_trial(self, name: str, about: str = "") -> "Ask":
+        """The same of one trial, by its name: "trial 4"."""
+        return self._replace(title=self.title.format(name), text=self.text.format(about))
 
 
 EXCLUDE = Ask(
-    "exclude", "Exclude trial {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
+    "exclude", "Exclude {}?", "Its recording is kept; it does not count and does not come again.", "Exclude",
     (
         "the pointer left the window", "the participant was distracted", "the device was disturbed",
         "the task was not followed",
@@ -181,8 +181,11 @@ class Cards:
         self.question, question.kind = question, kind
         question.appear()
 
-    def ask(self, ask: Ask, then: Callable[..., object]) -> None:
-        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one."""
+    def ask(self, ask: Ask, then: Callable[..., object], written: str = "") -> None:
+        """Ask for a reason; then: what is done with it and, where there are choices, with the chosen one.
+
+        written: own words that stand in the field already.
+        """
 
         def answered(reason: str) -> None:
             chosen = [question.choices.value()] if ask.choices else []
@@ -190,7 +193,13 @@ class Cards:
             then(reason, *chosen)
 
         question = Question(ask, answered, self.leave, self._parent)
+        question.own.setText(written)
         self.put(question, ask.kind)
+
+    def written(self, kind: str) -> str:
+        """The own words that stand in the field of a question of this kind; "": none, or no such question."""
+        question = self.question
+        return question.own.text().strip() if isinstance(question, Question) and question.kind == kind else ""
 
     def show_message(self, title: str, text: str) -> None:
         self.put(OverlayCard(title, text, [("Close  Enter", self.leave)], self._parent))

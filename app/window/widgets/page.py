@@ -41,6 +41,11 @@ class Page(QWidget):
     def show_answers(self, values: dict[str, int | None]) -> None:
         """The participant has answered a question on their own screen."""
 
+    @property
+    def says_what_is_wrong(self) -> bool:
+        """Whether the page itself says what is wrong, and goes down to the edge of the window."""
+        return False
+
     def unsaved(self) -> str:
         """What was changed on this page and not saved, in words; "": nothing."""
         return ""

@@ -105,6 +105,41 @@ class OneLine(QLabel):
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, shown)
 
 
+class FittedLabel(QLabel):
+    """A text of so many lines at most, of which as many whole words are shown as have room; its tooltip has all."""
+
+    def __init__(self, lines: int, size: int = theme.NORMAL, bold: bool = False) -> None:
+        super().__init__(wordWrap=True, textFormat=Qt.TextFormat.PlainText)
+        self.setFont(theme.font(size, bold))
+        self.setAlignment(Qt.AlignmentFlag.AlignVCenter)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self._lines, self._whole = lines, ""
+
+    def show_text(self, text: str) -> None:
+        """Show a text, with room for all of its lines whether it needs them or not."""
+        self._whole = breakable(text)
+        self.setToolTip(text)
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        metrics, room = self.fontMetrics(), QRect(0, 0, self.width() - 2, 0)
+        lines = "\n".join(self._lines * "A")
+        self.setFixedHeight(metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, lines).height())
+
+        def fits(text: str) -> bool:
+            needed = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text)
+            return needed.height() < (self._lines + 0.5) * metrics.lineSpacing() and needed.width() <= room.width()
+
+        shown = self._whole
+        while not fits(shown) and " " in shown:
+            shown = f"{shown.removesuffix(' …').rpartition(' ')[0]} …"
+        self.setText(shown)
+
+
 class Figures(QWidget):
     """A line that changes often, in parts with a colour each: painted, so that the window is not laid out anew.
 

@@ -14,7 +14,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QColor, QMouseEvent, QPen
-from PySide6.QtWidgets import QFrame, QLabel, QWidget
+from PySide6.QtWidgets import QFrame, QLabel
 
 from app.ipc.messages import Timing
 from app.window.widgets import theme
@@ -78,11 +78,11 @@ class Graph(pg.PlotWidget):
 class Plot(Panel):
     """A panel with a title, a value at the right of it, and a plot under them."""
 
-    figures_px = theme.NORMAL
+    figures_px, figures_bold = theme.NORMAL, False
 
     def __init__(self, title: QLabel) -> None:
         super().__init__()
-        self.title, self.figures = title, Figures(self.figures_px, right=True)
+        self.title, self.figures = title, Figures(self.figures_px, right=True, bold=self.figures_bold)
         self.graph = Graph()
         self.item = self.graph.getPlotItem()
         self.head = row(self.title, self.figures)
@@ -242,65 +242,6 @@ class Trace(TimePlot):
         highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
         if highest > self.end:
             self.scale_to(highest)
-
-
-class Traces(QWidget):
-    """The four live traces, one above the other."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.error = Trace("Path error", "mm", [COLOURS.trace], 10.0, 1)
-        self.force = Trace("Hand force", "N", [COLOURS.good], 10.0, 1)
-        colours = [theme.JOINT[joint] for joint in JOINTS]
-        self.currents = Trace("Currents", "A", colours, 1.0, 2)
-        self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
-        self.all = (self.error, self.force, self.currents, self.speed)
-        self.setLayout(column(*((trace, 1) for trace in self.all), spacing=theme.GAP))
-        self.show_speed(True)
-
-    def show_trial(self, device: Device) -> None:
-        """Another trial: its brakes; the curves begin anew."""
-        self.currents.show_device(device)
-        self.clear()
-
-    def clear(self) -> None:
-        for trace in self.all:
-            trace.clear()
-
-    def show_speed(self, shown: bool) -> None:
-        """Whether there is room for the tip speed."""
-        self.speed.setVisible(shown)
-        self._show_seconds()
-
-    def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
-        t = rows[:, tick_log.T]
-        self.force.add(t, np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY])[None])
-        self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
-        self.currents.add(t, currents_of(rows, self.currents.names))
-        self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
-
-    def refresh_text(self) -> None:
-        """The values of the last tick that was added, beside the titles."""
-        for trace in self.all:
-            trace.show_newest()
-
-    def rest(self) -> None:
-        """The trial is over."""
-        for trace in self.all:
-            trace.rest()
-
-    def set_blind(self, blind: bool) -> None:
-        """Leave out what would tell the controllers apart: the others have its room."""
-        if blind != self.currents.isHidden():
-            self.currents.setHidden(blind)
-            self._show_seconds()
-
-    def _show_seconds(self) -> None:
-        """The lowest curve has the seconds of all."""
-        lowest = [trace for trace in self.all if not trace.isHidden()][-1]
-        for trace in self.all:
-            trace.item.showAxis("bottom", trace is lowest)
 
 
 def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:

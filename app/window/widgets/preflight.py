@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QRect, QSize, Qt, Signal
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
@@ -10,6 +10,7 @@ from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.parts import (
     NO_FOCUS,
+    FittedLabel,
     Panel,
     breakable,
     clear,
@@ -61,10 +62,8 @@ class Banner(Panel):
 
     def __init__(self) -> None:
         super().__init__("banner")
-        self.words = wrapped_label("", size=theme.NORMAL, bold=True)
-        self.words.setAlignment(Qt.AlignmentFlag.AlignVCenter)
+        self.words = FittedLabel(2, theme.NORMAL, bold=True)
         self.setLayout(column(self.words, spacing=0, margins=(PADDING_PX, 1, PADDING_PX, 1)))
-        self._whole = ""
 
     def text(self) -> str:
         """What is shown of it."""
@@ -72,27 +71,8 @@ class Banner(Panel):
 
     def show_text(self, text: str) -> None:
         """A line for each thing; "": nothing is wrong."""
-        self._whole = breakable(text)
+        self.words.show_text(text)
         self.setToolTip(text)
-        self.fit_words()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        super().resizeEvent(event)
-        self.fit_words()
-
-    def fit_words(self) -> None:
-        """Show as much of the text, whole words, as has room in two lines, which it has without a text, too."""
-        metrics, room = self.words.fontMetrics(), QRect(0, 0, self.width() - 2 * PADDING_PX - 2, 0)
-        self.words.setFixedHeight(metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, "A\nA").height())
-
-        def fits(text: str) -> bool:
-            needed = metrics.boundingRect(room, Qt.TextFlag.TextWordWrap, text)
-            return needed.height() < 2.5 * metrics.lineSpacing() and needed.width() <= room.width()
-
-        shown = self._whole
-        while not fits(shown) and " " in shown:
-            shown = f"{shown.removesuffix(' …').rpartition(' ')[0]} …"
-        self.words.setText(shown)
 
 
 OFF, OFF_BY_KEY, ALLOW, ARE_OFF = TEXTS = "Brakes off", "Brakes off  Esc", "Allow brakes", "Brakes are off"

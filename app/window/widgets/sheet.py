@@ -10,6 +10,7 @@ QFrame#canvas { background: $canvas; border: 1px solid $line; border-radius: ${r
 QFrame#card { background: $panel; border: 1px solid $edge; border-radius: ${radius}px; }
 QWidget#clear { background: transparent; }
 QWidget#participant, QWidget#participant > QWidget { background: $canvas; }
+QStackedWidget { background: transparent; }
 QFrame#line { background: $line; border: none; max-height: 1px; min-height: 1px; }
 QFrame#pill { background: $panel; border: 1px solid $line; border-radius: 15px; }
 QFrame#pill-bad { background: $bad_ground; border: 1px solid $bad; border-radius: 15px; }
@@ -23,7 +24,8 @@ QLabel#bad { color: $bad; }
 QLabel#off { color: $brake_off; }
 QFrame#banner { background: $bad_ground; border: 1px solid $bad; border-radius: ${radius}px; }
 QFrame#banner QLabel { color: $bad_text; }
-QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 10px; color: $quiet; }
+QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 16px; color: $quiet; }
+QLabel#sign { border: 1px solid $line; }
 QLabel#sign-on { background: $bad; color: $on_bad; }
 QLabel#sign-late { background: $caution; color: $on_bad; }
 QPushButton { background: $field; border: 1px solid $line; border-radius: 5px; padding: 6px 12px; }

@@ -1,7 +1,7 @@
 """The sentences of the screens: the participant's from the language of the protocol, the experimenter's here."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +16,8 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.inputs import INPUTS
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
+from experiments.store.cells import cell as cell_of
+from experiments.store.cells import place
 from experiments.store.database import DATABASE
 
 GAIN = "gain_N_s_m"
@@ -153,12 +155,35 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 # ---------------------------------------------------------------------------------------------- for the experimenter
 
 
-def to_experimenter(snapshot: m.Snapshot, read: Shown, wrong: bool) -> Shown:
-    """The lines while no trial runs: where the session stands, and what the participant reads, who is told less."""
+def head_of(snapshot: m.Snapshot, wrong: bool) -> str:
+    """Where the session stands while no trial runs. wrong: the banner says what is."""
     large = HEADS.get(snapshot.stage, "Paused" if snapshot.paused else "Ready")
     if snapshot.stage != m.FAILED and (wrong or (large == "Ready" and snapshot.trial_blocker)):
-        large = "Brakes off" if snapshot.can_allow else "Not ready"
-    return Shown(large, f"Participant reads: {' · '.join(filter(None, read))}")
+        return "Brakes off" if snapshot.can_allow else "Not ready"
+    return large
+
+
+NTH = ("", "", "second", "third", "fourth", "fifth", "sixth")  # try of a trial
+
+
+def try_of(trial: PlannedTrial | TrialRow, rows: Sequence[TrialRow]) -> str:
+    """ ", second try" of a trial that was tried before, among the rows of its session; "" of a first one."""
+    number = 1 + sum(cell_of(row) == cell_of(trial) and row.run < trial.run for row in rows)
+    if number == 1:
+        return ""
+    return f", {NTH[number]} try" if number < len(NTH) else f", try {number}"
+
+
+def trial_name(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> str:
+    """ "trial 4, second try", by the plan that the experimenter sees."""
+    return f"trial {place(trial, plan)}{try_of(trial, rows)}" if trial.block else "practice"
+
+
+def ended(row: TrialRow) -> str:
+    """How a trial ended: "done in 2.4 s"."""
+    duration_s = row.value("duration_s")
+    took = f" in {duration_s:.1f} s" if duration_s is not None else ""
+    return {"done": f"done{took}", "timeout": "ended: time was up"}.get(row.status, row.status)
 
 
 def cell(planned: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) -> str:

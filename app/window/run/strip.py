@@ -1,0 +1,163 @@
+"""The strip under the workspace: while a trial runs its currents, speed, lateness and energy in a line each, which
+open to curves; between two trials how far the session is; the plan; and what is wrong, in the place of all that."""
+
+import numpy as np
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QPushButton
+
+from app.ipc import messages as m
+from app.window.run.energy import Ledger, Parts
+from app.window.run.plan_bar import PlanBar
+from app.window.widgets import theme
+from app.window.widgets.parts import (
+    NO_FOCUS,
+    PART,
+    Figures,
+    OneLine,
+    Panel,
+    column,
+    holder,
+    row,
+    stack,
+)
+from app.window.widgets.plots import NOTHING, TimingStrip, Trace, currents_of
+from app.window.widgets.preflight import Banner, wrong
+from app.window.widgets.theme import COLOURS, text_width
+from app.window.widgets.words import LACKING, done_of, minutes
+from core import tick_log
+from core.device import Device
+from core.mechanism import JOINTS
+from experiments.plan import counted
+from experiments.store.cells import finished_cells
+
+BASE_PX, CURVES_PX, OPEN_PX = 66, 150, 30  # high: the lines, the curves, the button
+
+
+class Strip(Panel):
+    """Lines that open to curves. `curves` is what opens."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ledger = Ledger()
+        colours = [theme.JOINT[joint] for joint in JOINTS]
+        self.currents = Trace("Currents", "A", colours, 1.0, 2)
+        self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
+        self.timing, self.energy = TimingStrip(), Figures()
+        for plot in (self.currents, self.speed, self.timing):
+            plot.setObjectName("clear")
+            plot.item.showAxis("bottom")
+        plots = row((self.currents, 1), (self.speed, 1), (self.timing, 1), spacing=theme.GAP)
+        self.curves = holder(column((plots, 1), self.energy, spacing=6))
+        self.curves.setFixedHeight(CURVES_PX)
+        self.curves.hide()
+        self.figures, self.progress = Figures(theme.NORMAL), OneLine("", "", theme.NORMAL)
+        self.plan, self.banner = PlanBar(), Banner()
+        self.open = QPushButton("Details  ▴", objectName="small", checkable=True, focusPolicy=NO_FOCUS)
+        self.open.setFixedHeight(OPEN_PX)
+        self.open.toggled.connect(self._unfold)
+        self._opened_by_itself = False  # in this trial
+        self._missed = NOTHING, COLOURS.text  # ticks, in their colour
+        self._lines = stack(holder(row(self.progress)), holder(row(self.figures)))
+        self._lines.setFixedHeight(OPEN_PX)
+        line = holder(column(row((self._lines, 1), self.open), self.plan, spacing=2))
+        self._base = stack(line, self.banner)
+        self._base.setFixedHeight(BASE_PX)
+        self.setLayout(column(self.curves, self._base, spacing=6, margins=(14, 8, 14, 10)))
+
+    def _unfold(self, unfolded: bool) -> None:
+        self.curves.setVisible(unfolded)
+        self.open.setText("Details  ▾" if unfolded else "Details  ▴")
+
+    # what the session says
+
+    def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
+        self.plan.show_session(opened, snapshot)
+        done, lacking = map(len, finished_cells(snapshot.rows))
+        so_far = done_of(done, len(opened.plan), lacking) if opened.participant else ""
+        left = "" if snapshot.stage == m.FINISHED else minutes(snapshot.seconds_left)
+        self.progress.setText(PART.join(filter(None, (so_far, left))))
+        self.progress.setToolTip(LACKING if lacking else "")
+        self.banner.show_text(said := wrong(snapshot))
+        self._base.setCurrentIndex(int(bool(said)))
+        self._lines.setCurrentIndex(int(snapshot.running is not None))
+        if snapshot.running is not None and any(c.name == "Loop" and c.state == m.BAD for c in snapshot.checks):
+            self._open_by_itself()
+
+    def _open_by_itself(self) -> None:
+        """Something is wrong with the running trial that the curves show; once a trial, for it may be closed again."""
+        if not self._opened_by_itself:
+            self._opened_by_itself = True
+            self.open.setChecked(True)
+
+    def set_blind(self, blind: bool) -> None:
+        """Leave out what would tell the controllers apart."""
+        self.currents.setHidden(blind)
+        self.energy.setHidden(blind)
+
+    def show_timing(self, timing: m.Timing | None, runs: bool) -> None:
+        """As `TimingStrip.show_timing`."""
+        self.timing.show_timing(timing, runs)
+        missed = timing.missed if timing is not None else 0
+        self._missed = f"{counted(missed, 'tick')} missed", COLOURS.caution if missed else COLOURS.text
+
+    # what the ticks of a trial say
+
+    def show_trial(self, device: Device) -> None:
+        """Another trial begins."""
+        self.currents.show_device(device)
+        self._opened_by_itself = False
+        self.clear()
+
+    def clear(self) -> None:
+        self.ledger = Ledger()
+        for plot in (self.currents, self.speed, self.timing):
+            plot.clear()
+        self.refresh_text()
+
+    def add(self, rows: np.ndarray) -> None:
+        """Ticks (n, WIDTH), n > 0, of the running trial."""
+        t = rows[:, tick_log.T]
+        self.ledger.add(rows)
+        self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
+        self.currents.add(t, currents_of(rows, self.currents.names))
+        self.timing.add_ticks(rows)
+        if self.ledger.is_violated:
+            self._open_by_itself()
+
+    def rest(self) -> None:
+        """The trial is over."""
+        for trace in (self.currents, self.speed):
+            trace.rest()
+
+    def refresh_text(self) -> None:
+        """The values of the last tick that was added."""
+        for trace in (self.currents, self.speed):
+            trace.show_newest()
+        self.energy.show_parts(("Energy", COLOURS.quiet), *self.ledger.whole)
+        self._show_lines()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._show_lines()
+
+    def _show_lines(self) -> None:
+        speed = self.speed.figures.parts[0]
+        lines = [
+            [("Loop", COLOURS.quiet), self._missed],
+            [("Speed", COLOURS.quiet), speed, ("m/s", COLOURS.quiet)],
+        ]
+        if not self.currents.isHidden():
+            unit = (self.currents.unit, COLOURS.quiet)
+            lines.append([("Currents", COLOURS.quiet), *self.currents.figures.parts, unit])
+            lines.append([("Energy", COLOURS.quiet), *self.ledger.short])
+        self.figures.show_parts(*self._fitting(lines))
+
+    def _fitting(self, lines: list[Parts]) -> Parts:
+        """As many of the lines as have room side by side."""
+        shown: Parts = []
+        for line in lines:
+            longer = [*shown, *([("·", COLOURS.quiet)] if shown else []), *line]
+            if text_width(" ".join(text for text, _ in longer), theme.LEAST_PX) > self.figures.width():
+                break
+            shown = longer
+        return shown
