@@ -16,7 +16,7 @@ from app.window.widgets import theme
 from app.window.widgets.parts import OneLine, column, row, text_label, wrapped_label
 from app.window.widgets.plots import Graph, range_for
 from app.window.widgets.theme import COLOURS, colour_of
-from app.window.widgets.words import SHORT, in_colour
+from app.window.widgets.words import in_colour
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
@@ -40,7 +40,7 @@ class Measure(QWidget):
         self.points = pg.ScatterPlotItem()
         self.graph.addItem(self.points)
         self.end = 0.0  # of the axis: it grows and never shrinks, so that cards compare
-        name = OneLine(SHORT.get(metric.title, metric.title), "", theme.NORMAL)
+        name = OneLine(metric.title, "", theme.NORMAL)
         head = row(name, self.value, self.unit, spacing=6)
         self.setLayout(column(head, self.graph, spacing=0))
         self.graph.setFixedHeight(GRAPH_PX)
