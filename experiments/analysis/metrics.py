@@ -18,6 +18,7 @@ from experiments.analysis.movement import (
     amplitude_rms,
     amplitude_sum,
     check_samples,
+    distance_to_path,
     mean_over_progress,
     sparc,
     weighted_amplitudes,
@@ -72,8 +73,8 @@ METRICS = (
     ),
     Metric(
         "path_error_time_m", "m", "Path error over time", "path error over time",
-        "distance to the path, averaged over time",
-        lambda m: float(np.mean(m.deviation)),
+        "distance to the path, beyond an end to that end, averaged over time",
+        lambda m: float(np.mean(distance_to_path(m.tip, m.path))),
         shown_unit="mm", scale=1e3, stands_for="accuracy",
     ),
     Metric(

@@ -36,9 +36,21 @@ def along_path(tip: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     Both of the nearest point, which is followed from the start of the path on: beyond an end it is the distance from
     the straight line on. A tip that cuts a corner leaps ahead in progress; the leap counts with its own length.
     """
+    way, across = _tracked(tip, path)
+    return np.maximum.accumulate(np.clip(way, 0.0, path.length)), np.abs(across)
+
+
+def distance_to_path(tip: np.ndarray, path: Path) -> np.ndarray:
+    """Distance (n,) of the tip (n, 2) from the path, m: beyond an end from the end itself."""
+    way, across = _tracked(tip, path)
+    return np.hypot(across, way - np.clip(way, 0.0, path.length))
+
+
+def _tracked(tip: np.ndarray, path: Path) -> np.ndarray:
+    """Way along the path and signed distance across it (2, n), m, on the straight line on beyond an end."""
     found = np.empty((len(tip), 2))
     track(path, np.ascontiguousarray(tip), found)
-    return np.maximum.accumulate(np.clip(found[:, 0], 0.0, path.length)), np.abs(found[:, 1])
+    return found.T
 
 
 def mean_over_progress(values: np.ndarray, progress: np.ndarray) -> float:

@@ -117,6 +117,20 @@ def test_dwelling_off_the_path_counts_over_time_and_not_over_progress():
     assert result.peak_error_m == pytest.approx(0.004, rel=1e-9)
 
 
+@pytest.mark.parametrize("path", [PATH, CORNER], ids=["straight", "corner"])
+def test_over_time_the_error_beyond_an_end_is_the_distance_from_that_end_and_not_from_the_line_beyond_it(path):
+    """1 s at rest 2 cm before the start, on the line of the path, then along the path in 3 s."""
+    ticks = np.arange(MOVE_TO - MOVE_FROM)
+    shares = np.where(ticks < 1000, -0.02 / path.length, np.interp(ticks, [1000, 3999], [0.0, 1.0]))
+    x, y = (np.array([point_at(path, max(share, 0.0) * path.length)[i] for share in shares]) for i in (0, 1))
+    along = np.array(point_at(path, 0.0)[2:4])
+    before = np.minimum(shares, 0.0)[:, np.newaxis] * path.length * along
+    held = [np.pad(values, (MOVE_FROM, 5200 - MOVE_TO), "edge") for values in (x + before[:, 0], y + before[:, 1])]
+    result = measured(hand_made(*held), path)
+    assert result.path_error_m == pytest.approx(0.0, abs=1e-12)
+    assert result.path_error_time_m == pytest.approx(0.02 / 4, rel=1e-3)
+
+
 def test_way_beyond_the_ends_has_no_weight():
     ticks = np.arange(5200) - MOVE_FROM
     x = np.interp(ticks, [0, 500, 3000, 3999], [-0.12, -0.1, 0.1, 0.15])
