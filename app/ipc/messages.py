@@ -307,7 +307,7 @@ class Snapshot(NamedTuple):
     seconds_left: float | None = None  # of the whole session, estimated; None: none is open
     newest: "TrialRow | None" = None  # of the trials that ended since the session was opened, practice included
     not_written: str = ""  # why not all of the session is on the disk, and what to do; "": all is
-    in_memory: str = ""  # data that are not on the disk: "run 5, 5,481 ticks"; "": none
+    in_memory: str = ""  # data that are not on the disk: "trial 5, 5,481 ticks"; "": none
 
     @property
     def stage_refusal(self) -> str:

@@ -201,7 +201,7 @@ class DiskWatch:
 def check_recording(broken: str, not_written: str, last: str) -> Check:
     """Whether all recordings are on the disk.
 
-    broken: why no more can be recorded, or ""; last: the run recorded and verified last, "run 12", or "".
+    broken: why no more can be recorded, or ""; last: the trial recorded and verified last, "trial 12", or "".
 
     not_written: what could not be written yet, or "".
     """

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from experiments.analysis.trials_table import COUNTED, FINISHED, TrialRow
 from experiments.inputs import is_person
 from experiments.plan import TRIAL_S, PlannedTrial, time_left_s
-from experiments.store.cells import cell, open_trials, place
+from experiments.store.cells import cell, open_trials, trial_name
 from experiments.store.journal import (
     ANSWERS,
     BREAK_ENDED,
@@ -23,6 +23,7 @@ from experiments.store.journal import (
 from experiments.store.session import Session
 
 MOST_NAMED = 8  # trials in one sentence
+PACED = 3  # trials whose lengths are a pace: the first ones are slow
 
 
 class QuestionSubject(NamedTuple):
@@ -75,8 +76,9 @@ class SessionProgress:
             self.paused_s = self.last_end_s = None
 
     def name_of(self, trial: PlannedTrial | TrialRow) -> str:
-        """For the experimenter, by the plan that they see: "Trial 12"."""
-        return f"Trial {place(trial, self.session.plan)}" if trial.block else "The practice trial"
+        """For the experimenter, by the plan that they see: "Trial 12, second try"."""
+        name = trial_name(trial, self.session.plan, self.session.rows) if trial.block else "the practice trial"
+        return f"{name[0].upper()}{name[1:]}"
 
     def update_next(self) -> None:
         """Find the next trial after one was added, skipped or marked."""
@@ -113,9 +115,9 @@ class SessionProgress:
         return f"The plan is done, but {len(without)} of its {len(session.plan)} trials {have} no result: {named}."
 
     def seconds_left(self) -> float:
-        """Estimated time of the rest of the session, at the median pace of its trials; before them at the assumed."""
+        """Estimated time of the rest of the session, at the median pace of its trials; before some at the assumed."""
         session = self.session
-        pace_s = statistics.median(self._lengths or [TRIAL_S])
+        pace_s = statistics.median(self._lengths) if len(self._lengths) >= PACED else TRIAL_S
         return time_left_s(session.protocol, session.plan, open_trials(session.plan, session.rows), pace_s)
 
     def trial_ended(self, row: TrialRow) -> None:

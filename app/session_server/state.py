@@ -181,7 +181,7 @@ class ServerState:
             self.sandbox.returned(run, self.ring.grasp)
         elif run is not None:
             self._slow_s = run.recorder.longest_sync_s
-            self.announce_wait(f"{run.name.lower()} is stored")
+            self.announce_wait(f"{self.storage.open.name_of(run.planned).lower()} is stored")
             self.storage.store_trial(run)
         elif self.runner.run is not None and not self.sandbox.owns(self.runner.run):
             self.storage.watch(self.runner.run)

@@ -49,12 +49,12 @@ class Storage:
 
     @property
     def in_memory(self) -> str:
-        """What the disk has refused: "run 5, 5,481 ticks"; "": nothing."""
+        """What the disk has refused: "trial 5, 5,481 ticks"; "": nothing."""
         if self.progress is None or self.open.session.database.trouble is None:
             return ""
         database, parts = self.open.session.database, []
         if database.pending_ticks:
-            of = f"{self._last.name.lower()}, " if self._last is not None else ""
+            of = f"{self._name(self._last).lower()}, " if self._last is not None else ""
             parts.append(f"{of}{counted(database.pending_ticks, 'tick')}")
         if lines := database.pending_in("event"):
             parts.append(f"{counted(lines, 'line')} of the journal")
@@ -125,7 +125,7 @@ class Storage:
         self._last = run
         trouble = self.open.session.database.trouble
         if trouble is not None and not self.not_written:
-            self.fail(f"The disk has failed under {run.name.lower()}", trouble)
+            self.fail(f"The disk has failed under {self._name(run).lower()}", trouble)
         elif trouble is None and self.not_written:
             self.not_written = ""
             self._notify("The disk takes data again: all ticks so far are written.")
@@ -133,19 +133,22 @@ class Storage:
     def store_trial(self, run: TrialRun) -> None:
         """Store a trial that has ended."""
         self._last, self._close_trial = run, partial(self._finish_trial, run)
-        self._store(f"{run.name} is not complete")
+        self._store(f"{self._name(run)} is not complete")
 
     def rescue(self, run: TrialRun, why: str) -> None:
         """Recover a trial with which the control loop was lost."""
         self._last, self._close_trial = run, partial(self._rescue_trial, run, why)
-        self._store(f"{why}; {run.name.lower()} is not complete")
+        self._store(f"{why}; {self._name(run).lower()} is not complete")
+
+    def _name(self, run: TrialRun) -> str:
+        return self.open.name_of(run.planned)
 
     def _finish_trial(self, run: TrialRun) -> None:
         """Add the row of a trial and tell the experimenter. InputError or OSError: recording or row is not written."""
         reason = run.trial.outcome()["reason"]
         row = run.finish(self.open.session)
         notice = with_advice(f"{self.open.name_of(row)}{HOW_ENDED.get(row.status, '')}", reason)
-        self.verified = run.name.lower() if row.recording else self.verified
+        self.verified = self._name(run).lower() if row.recording else self.verified
         if row.status == "aborted" and run.again != "never" and row.block:
             self.open.session.redo(row.run, reason, at_end=run.again == "end")
             notice += " It is repeated next." if run.again == "now" else " It is repeated at the end."
@@ -158,7 +161,7 @@ class Storage:
         run.rescue(self.open.session)
         self.write(LOOP_LOST, run=run.planned.run, reason=why)
         self.open.last_end_s = None
-        self.update_next(f"{with_advice('', why)} {run.name} is recovered and its trial is repeated next.", bad=True)
+        self.update_next(f"{with_advice('', why)} {self._name(run)} is recovered and repeated next.", bad=True)
 
     def update_next(self, notice: str, bad: bool = False) -> None:
         """After a row was added or marked: the next trial, and a notice."""
@@ -187,7 +190,7 @@ class Storage:
         if self.not_written:
             self.not_written = ""
             new = [row for row in session.rows if row.run not in runs_before]
-            runs = ", ".join(f"run {row.run} is {row.status}" for row in new)
+            runs = ", ".join(f"{self.open.name_of(row).lower()} is {row.status}" for row in new)
             notice = f"All pending data are written{': ' if runs else ''}{runs}."
             if any(row.status not in FINISHED for row in new):
                 notice += " What was cut off is repeated."

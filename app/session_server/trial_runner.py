@@ -55,11 +55,6 @@ class TrialRun:
         trial.aim(*self.tip)  # nothing pulls until the pointer has touched the handle
         loop.send(RunTrial(trial))
 
-    @property
-    def name(self) -> str:
-        """For the experimenter: "Run 12"."""
-        return f"Run {self.planned.run}" if self.planned.block else "Practice"
-
     def stop(self, reason: str, decided: bool = False) -> None:
         """End the trial at its next tick, brakes off; the first reason stands. decided: by the experimenter."""
         if not self._reason:

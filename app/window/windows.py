@@ -227,7 +227,8 @@ class Windows(QObject):
         self.participant.view.follow_pointer()
         self.main.show_time(time.perf_counter())
         if not alive and not self.main.dead:
-            self.main.show_dead(words.server_died(self.main.snapshot))
+            plan = self.main.opened.plan if self.main.opened is not None else ()
+            self.main.show_dead(words.server_died(self.main.snapshot, plan))
             self.participant.show_dead()
         self.framed.emit(rows)
         QCoreApplication.sendPostedEvents(self.participant, QEvent.Type.UpdateRequest)  # first: the hand looks at it

@@ -16,6 +16,22 @@ def place(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial]) -> int:
     return next((number for number, planned in enumerate(plan, start=1) if cell(planned) == cell(trial)), trial.run)
 
 
+NTH = ("", "", "second", "third", "fourth", "fifth", "sixth")  # try of a trial
+
+
+def try_of(trial: PlannedTrial | TrialRow, rows: Sequence[TrialRow]) -> str:
+    """ ", second try" of a trial that was tried before, among the rows of its session; "" of a first one."""
+    number = 1 + sum(cell(row) == cell(trial) and row.run < trial.run for row in rows)
+    if number == 1:
+        return ""
+    return f", {NTH[number]} try" if number < len(NTH) else f", try {number}"
+
+
+def trial_name(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> str:
+    """ "trial 4, second try", by the plan that the experimenter sees."""
+    return f"trial {place(trial, plan)}{try_of(trial, rows)}" if trial.block else "practice"
+
+
 def finished_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
     """The cells of the plan that need no further trial, and those of them without a result."""
     rows = list(rows)

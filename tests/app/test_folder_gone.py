@@ -72,8 +72,8 @@ def test_a_folder_that_goes_in_mid_trial_and_comes_back_costs_no_tick(window, tm
     assert said.stage == m.RUNNING and "The trial goes on, and its ticks are kept in memory" in said.notice
     said = window.until(lambda s: s.stage == m.READY)
     ticks = len(window.rows)
-    assert 0 < int(said.in_memory.split()[2].replace(",", "")) <= ticks and said.in_memory.startswith(f"run {run}, ")
-    assert f"{gone} is gone" in said.notice and f"run {run}, " in said.notice
+    assert 0 < int(said.in_memory.split()[2].replace(",", "")) <= ticks and said.in_memory.startswith(f"trial {run}, ")
+    assert f"{gone} is gone" in said.notice and f"trial {run}, " in said.notice
     assert [check.state for check in said.checks if check.name == "Recording"] == [m.BAD]
     assert said.rows == kept
     assert "is gone" in refused(window, m.Start())
@@ -124,7 +124,7 @@ def test_a_session_on_a_full_disk_goes_on_once_it_has_room(window, tmp_path, dis
     begun = begin(window)
     disk.refuses = full
     said = window.until(lambda s: s.stage == m.READY)
-    assert "No space left" in said.notice and "Make room" in said.notice and f"run {begun}" in said.in_memory
+    assert "No space left" in said.notice and "Make room" in said.notice and f"trial {begun}" in said.in_memory
     assert "No space left" in refused(window, m.Start())
     disk.refuses = None
     said = window.until(lambda s: not s.not_written)
@@ -164,7 +164,7 @@ def test_a_loop_that_dies_while_the_folder_is_gone_leaves_its_ticks_in_memory(wi
     window.client.state.runner._replace = lambda: _lost(window.client.state.runner)
     loop.closed = True
     said = window.until(lambda s: s.stage != m.RUNNING)
-    assert "in memory" in said.notice and f"run {run}" in said.in_memory
+    assert "in memory" in said.notice and f"trial {run}" in said.in_memory
     (tmp_path / "away").rename(tmp_path / "data")
     loop.closed = False
     said = window.until(lambda s: not s.not_written)

@@ -439,7 +439,7 @@ def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Scree
         screens.hear()
         said = screens.run.strip.banner.toolTip()
         assert said == words.server_died(running(3)) and m.NOT_NOW[m.RUNNING] not in said
-        assert "has stopped in the middle of run 4" in said and "brakes are off" in said
+        assert "has stopped in the middle of trial 4" in said and "brakes are off" in said
     else:
         screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
         assert screens.run.strip.banner.toolTip() == "The disk is full."
@@ -460,8 +460,8 @@ def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(scr
     screens.hear()
     assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
     said = screens.run.strip.banner.toolTip()
-    assert refused not in said and "has stopped in the middle of run 4" in said and "brakes are off" in said
-    assert said.endswith("its trial comes again.")
+    assert refused not in said and "has stopped in the middle of trial 4" in said and "brakes are off" in said
+    assert said.endswith("it comes again.")
 
 
 def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_kept(screens: Screens) -> None:

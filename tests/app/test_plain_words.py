@@ -128,5 +128,5 @@ def test_how_a_trial_ended_and_what_can_be_done_is_said_with_its_reason(monkeypa
     for name in ("trial_ended", "update_next", "without_valid_trial"):
         monkeypatch.setattr(SessionProgress, name, lambda *_: "")
     trial = SimpleNamespace(outcome=lambda: {"reason": "the participant asked"})
-    storage.store_trial(SimpleNamespace(name="Run 62", trial=trial, finish=lambda session: row, again="never"))
+    storage.store_trial(SimpleNamespace(planned=PLAN[2], trial=trial, finish=lambda session: row, again="never"))
     assert heard == [said]

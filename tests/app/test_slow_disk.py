@@ -68,13 +68,13 @@ def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, m
     commit = Database.commit
     monkeypatch.setattr(Database, "commit", lambda self: (syncs.append(self) if self.pending else None, commit(self)))
     (session.folder / "trials").mkdir()
-    trial, writer = session.begin(session.next_planned())
+    trial, writer = session.begin(planned := session.next_planned())
     assert len(syncs) == SYNCS_TO_START
     run(trial, writer, piece=10**6)
     syncs.clear()
     finish = partial(session.finish, trial, writer)
     storage.store_trial(SimpleNamespace(
-        name="Run 1", trial=trial, recorder=SimpleNamespace(writer=writer), finish=lambda _: finish(), again="never"
+        planned=planned, trial=trial, recorder=SimpleNamespace(writer=writer), finish=lambda _: finish(), again="never"
     ))  # fmt: skip
     assert len(syncs) == SYNCS_TO_END and not storage.not_written
     session.close()
@@ -150,7 +150,7 @@ def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(sl
     slow.client.send(m.Note("slow"))
     assert said == [
         "Waiting for the disk: the session is opened.", "Waiting for the disk: the trial is opened.",
-        "Waiting for the disk: run 1 is stored.", "Waiting for the disk: the journal is written.",
+        "Waiting for the disk: trial 1 is stored.", "Waiting for the disk: the journal is written.",
     ]  # fmt: skip
     slow.look()
     assert not slow.snapshot.trial_blocker and "Waiting" not in slow.snapshot.notice

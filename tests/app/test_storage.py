@@ -52,7 +52,7 @@ class Ended:
         while not self.trial.finished and self.trial.ticks < ticks:
             with contextlib.suppress(OSError):
                 run(self.trial, self.writer, self.trial.ticks + 1)
-        self.name, self.cut_short, self.again = f"Run {self.planned.run}", True, "never"
+        self.cut_short, self.again = True, "never"
         if not self.trial.finished:
             self.trial.abort("the lamp fell down")
             with contextlib.suppress(OSError):
@@ -142,7 +142,7 @@ def test_a_disk_that_takes_nothing_stops_the_next_trial_until_it_does(storage, s
     ended = Ended(session)
     disk.refuses = refuses
     storage.store_trial(ended)
-    assert session.rows == [] and storage.not_written.startswith("Run 1 is not complete. ") and said[-1][1]
+    assert session.rows == [] and storage.not_written.startswith("Trial 1 is not complete. ") and said[-1][1]
     assert why in storage.not_written.lower()
     assert "Make room on the disk, or let the folder be written to again, " in said[-1][0]
     assert check_recording("", storage.not_written, "").state == BAD
@@ -151,7 +151,7 @@ def test_a_disk_that_takes_nothing_stops_the_next_trial_until_it_does(storage, s
     disk.refuses = None
     storage.retry()
     assert not storage.not_written and [row.status for row in session.rows] == ["done"]
-    assert "run 1 is done" in said[-1][0]
+    assert "trial 1 is done" in said[-1][0]
     assert storage.progress.coming == session.plan[1]
     in_order(session)
 

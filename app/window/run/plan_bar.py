@@ -9,10 +9,10 @@ from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, text_width, write, write_from
-from app.window.widgets.words import describe, try_of
+from app.window.widgets.words import describe
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
-from experiments.store.cells import cell, place
+from experiments.store.cells import cell, place, try_of
 
 #: px: high, of a cell and of the line below; between two cells and two blocks; wide, of a cell; of one with its mark
 HIGH_PX, LINE_PX, GAP_PX, BLOCK_PX, WIDEST_PX, MARKED_PX = 16.0, 18.0, 2.0, 9.0, 26.0, 10.0

@@ -38,13 +38,14 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.preflight import advice
-from app.window.widgets.words import cell, describe, feedback, hand_is_mouse, trial_name
+from app.window.widgets.words import cell, describe, feedback, hand_is_mouse
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol
+from experiments.store.cells import trial_name
 
 #: px: the right column takes this share of the page, within these bounds
 RIGHT_SHARE, RIGHT_LEAST, RIGHT_MOST = 0.27, 290, 440

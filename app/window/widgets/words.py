@@ -16,8 +16,7 @@ from experiments.analysis.trials_table import TrialRow
 from experiments.inputs import INPUTS
 from experiments.language import ENGLISH_WORDS, Language
 from experiments.plan import PlannedTrial
-from experiments.store.cells import cell as cell_of
-from experiments.store.cells import place
+from experiments.store.cells import trial_name
 from experiments.store.database import DATABASE
 
 GAIN = "gain_N_s_m"
@@ -67,16 +66,16 @@ SHORT = {
 }  # fmt: skip
 
 
-def server_died(last: m.Snapshot) -> str:
-    """What a session server that is gone leaves behind. last: the newest that it has sent."""
+def server_died(last: m.Snapshot, plan: Sequence[PlannedTrial] = ()) -> str:
+    """What a session server that is gone leaves behind. last: the newest that it has sent; plan: of its session."""
     if last.stage == m.FAILED and last.notice:  # it said so itself
         return last.notice
     kept = f"What it had only in its memory is lost: {last.in_memory}." if last.in_memory else KEPT
     if last.running is None:
         return f"The session server has stopped: the brakes are off. {kept} {RESUME}."
-    run, again = ("a practice trial", "it") if last.practice else (f"run {last.running.run}", "its trial")
-    stopped = f"The session server has stopped in the middle of {run}: the brakes are off."
-    return f"{stopped} {kept} {RESUME}: {again} comes again."
+    trial = "a practice trial" if last.practice else trial_name(last.running, plan, last.rows)
+    stopped = f"The session server has stopped in the middle of {trial}: the brakes are off."
+    return f"{stopped} {kept} {RESUME}: it comes again."
 
 
 def language_of(opened: m.Opened | None) -> Language:
@@ -161,22 +160,6 @@ def head_of(snapshot: m.Snapshot, wrong: bool) -> str:
     if snapshot.stage != m.FAILED and (wrong or (large == "Ready" and snapshot.trial_blocker)):
         return "Brakes off" if snapshot.can_allow else "Not ready"
     return large
-
-
-NTH = ("", "", "second", "third", "fourth", "fifth", "sixth")  # try of a trial
-
-
-def try_of(trial: PlannedTrial | TrialRow, rows: Sequence[TrialRow]) -> str:
-    """ ", second try" of a trial that was tried before, among the rows of its session; "" of a first one."""
-    number = 1 + sum(cell_of(row) == cell_of(trial) and row.run < trial.run for row in rows)
-    if number == 1:
-        return ""
-    return f", {NTH[number]} try" if number < len(NTH) else f", try {number}"
-
-
-def trial_name(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> str:
-    """ "trial 4, second try", by the plan that the experimenter sees."""
-    return f"trial {place(trial, plan)}{try_of(trial, rows)}" if trial.block else "practice"
 
 
 def ended(row: TrialRow) -> str:
