@@ -13,12 +13,12 @@ class Input(NamedTuple):
     does: str  # beside the choice
     begun_with: str  # a session that was begun with it was begun with ..
     meaning: str  # in exports
-    simulated: bool = True  # it moves a simulated device: one can choose it
+    simulated: bool = True  # it moves a simulated device: one can choose it in the window
     by_pointer: bool = False  # the pointer over the path is the hand
     person: bool = True  # a person moves it, who can be asked, blinded and given a break
 
 
-MOUSE, HID, OPERATOR, SENSOR = "mouse", "hid", "operator", "force sensor"
+MOUSE, HID, OPERATOR, SENSOR, PROGRAM = "mouse", "hid", "operator", "force sensor", "program"
 INPUTS = {
     hand.name: hand
     for hand in (
@@ -37,6 +37,11 @@ INPUTS = {
         Input(
             SENSOR, "Hand", "measured by the force sensor", "a device on the bench",
             "a hand at the device on the bench, its force measured by the device's sensor", simulated=False,
+        ),
+        Input(
+            PROGRAM, "Program", "a function of Python", "the simulated device and a function of Python",
+            "a function of Python gave the force on the simulated handle: no person took part", simulated=False,
+            person=False,
         ),
     )
 }  # fmt: skip

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from core.files import InputError
+from experiments.inputs import is_person
 from experiments.protocol import Protocol
 
 KEY = "consent"  # in the table `about`
@@ -38,7 +39,7 @@ def agreed(about: Mapping[str, Any]) -> bool | None:
 
 def refuse_without_consent(session: Path, protocol: Protocol, about: Mapping[str, Any]) -> None:
     """InputError if a stored session of a person cannot go on: they declined, or were not asked."""
-    if protocol.consent is None or about["person"] is not None or agreed(about):
+    if protocol.consent is None or not is_person(about["hand"]) or agreed(about):
         return
     why = (
         "the participant declined to take part"

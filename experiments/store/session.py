@@ -21,7 +21,7 @@ from experiments.analysis import steering
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
 from experiments.atomic_files import make_folders, reading_stored, reason_of, refusing, remove
-from experiments.inputs import MOUSE, OPERATOR, SENSOR
+from experiments.inputs import MOUSE, OPERATOR, SENSOR, is_person
 from experiments.plan import (
     PRACTICE_BLOCK,
     PlannedTrial,
@@ -74,21 +74,21 @@ class Session:
     ) -> None:  # fmt: skip
         """Create the folder and store the plan.
 
-        blind: whether the controllers stand as codes (None: as in the protocol; a simulated operator's never do).
+        blind: whether the controllers stand as codes (None: as in the protocol, for a person).
         sync = False leaves it to the system when data reach the disk (simulated studies: they can be run again).
         on_event: called after each line of the journal.
         InputError if the session exists, the participant is none of the protocol's, or the folder cannot be made.
         """
-        if who.operator is None:
+        if who.operator is not None:
+            who = who._replace(hand=OPERATOR)
+        if is_person(who.hand):
             protocol.refuse_stranger(who.label)
             refuse_consent(protocol, who.label, who.consent)
-        else:
-            who = who._replace(hand=OPERATOR)
         protocol.refuse_unknown_low_gain()
         own_metrics(protocol)  # InputError: its own measures cannot be used
         refuse_uncompilable(protocol.controllers.values())
         protocol.refuse_answers(who.form)
-        is_blind = (protocol.blind and who.operator is None) if blind is None else blind
+        is_blind = (protocol.blind and is_person(who.hand)) if blind is None else blind
         plan = make_plan(protocol, who.label, is_blind)
         files.refuse_existing(data_dir, who.label)
         self._init_common(data_dir, who, protocol, sync, on_event)
@@ -280,14 +280,14 @@ class Session:
         """The next trial of the plan, or the practice before it; None: the plan is finished.
 
         It gets the next free run number if its own is used, by a crash or a repetition: same cell of the plan, another
-        recording. A simulated operator does not practise.
+        recording. Only people practise.
         """
         if not (waiting := self._waiting):
             return None
         coming = waiting[0]
         is_begun = any(row.configuration == coming.configuration for row in self.rows)
         due = self._summary.practised[coming.configuration] < self.protocol.practice_trials
-        if due and self.person is None and not is_begun:
+        if due and is_person(self.hand) and not is_begun:
             return self.next_practice()
         used = self._runs[files.TRIALS] | {row.run for row in self.rows}
         if coming.run not in used:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, as_table, table_bytes
+from experiments.inputs import is_person
 from experiments.plan import plan_hash
 from experiments.progress import Progress, no_progress
 from experiments.store import files
@@ -79,7 +80,7 @@ class _Found:
         """What is said of the session, the answer to its question, the plan, and the journal."""
         stored = read_stored(session)
         stored_person(session, stored)
-        asked, answer = stored.protocol.consent is not None and stored.about["person"] is None, agreed(stored.about)
+        asked, answer = stored.protocol.consent is not None and is_person(stored.about["hand"]), agreed(stored.about)
         if asked and answer is None:
             raise InputError("the participant was not asked for the consent that the protocol wants")
         if asked and not answer and files.runs_used(session):
