@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 
 from app.progress import watch_compiling
-from app.scripted_session import HandTick, Session, SimulatedPerson
+from app.scripted_session import HandTick, Session, SessionTrial, SimulatedPerson
 from core.device import Device, load_device
 from core.files import InputError
 from core.simulator.stepped import Simulation, State
@@ -43,8 +43,8 @@ from experiments.trial.population import USUAL, load_population
 from experiments.trial.real_trial import load_kernels
 
 __all__ = [
-    "Device", "HandTick", "InputError", "Session", "SimulatedPerson", "Simulation", "State", "boxes", "load_device",
-    "load_recording", "load_trials", "replay", "run_scene", "run_study", "statistics",
+    "Device", "HandTick", "InputError", "Session", "SessionTrial", "SimulatedPerson", "Simulation", "State", "boxes",
+    "load_device", "load_recording", "load_trials", "replay", "run_scene", "run_study", "statistics",
 ]  # fmt: skip
 
 

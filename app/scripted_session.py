@@ -12,7 +12,6 @@ import contextlib
 import gc
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -38,7 +37,7 @@ from experiments.store.journal import HOMED, ZEROED
 from experiments.store.session import Participant
 from experiments.store.session import Session as StoredSession
 from experiments.study.unrecorded import person_of
-from experiments.trial.population import Population, load_population
+from experiments.trial.population import USUAL, Population, load_population
 from experiments.trial.real_trial import RealTrial, load_kernels
 from experiments.trial.trial import Trial
 from hardware.serial_device import device_at
@@ -64,20 +63,17 @@ class HandTick(NamedTuple):
 HandFunction = Callable[[HandTick], Sequence[float] | np.ndarray]
 
 
-@dataclass(frozen=True)
 class SimulatedPerson:
-    """A simulated person as the hand of a session, the one that `phd study` has for the same participant and seed.
+    """A simulated person as the hand of a session: the one that `phd study` has for the same participant and seed."""
 
-    population: a shipped name ("average") or a file. InputError, when a trial is run, if there is none.
-    """
+    def __init__(self, population: str | Path = USUAL) -> None:
+        """population: a shipped name or a file. InputError if there is none."""
+        self.population: Population = load_population(population)
 
-    population: str | Path = "average"
-
-    def participant(self, label: str, seed: int) -> Participant:
+    def _participant(self, label: str, seed: int) -> Participant:
         """The person of this label."""
-        people: Population = load_population(self.population)
-        person = person_of(people, seed, participant_index(label))
-        return Participant(label, operator=person, population=people.operators)
+        person = person_of(self.population, seed, participant_index(label))
+        return Participant(label, inputs.OPERATOR, person, self.population.operators)
 
 
 class Session:
@@ -152,7 +148,7 @@ class Session:
                 raise InputError("hand: on a device the hand is the one at the handle: call trial.run() without")
             who = Participant(self.participant, inputs.SENSOR)
         elif isinstance(hand, SimulatedPerson):
-            who = hand.participant(self.participant, self.protocol.seed)._replace(hand=inputs.OPERATOR)
+            who = hand._participant(self.participant, self.protocol.seed)
         elif callable(hand):
             who = Participant(self.participant, inputs.PROGRAM)
         else:
@@ -182,6 +178,11 @@ class Session:
             record = device.zero()
         self._open(None).journal(ZEROED, **record._asdict())
 
+    def reset(self) -> None:
+        """Let the device forget the fault that it has latched. InputError: what caused it is still there."""
+        with self._reach().at_work() as device:
+            device.reset()
+
     def _reach(self) -> "Bench":
         """The device of the coming trial, connected. InputError: it cannot be reached."""
         planned = self._next()
@@ -197,16 +198,20 @@ class Session:
 
 
 class SessionTrial:
-    """A trial of the plan, to be run once."""
+    """A trial of the plan, to be run once.
+
+    run_number, block, repetition: its place in the plan. controller, device: names. path_m: array (n, 2), m, points of
+    its path, a millimetre apart.
+    """
 
     def __init__(self, session: Session, planned: PlannedTrial) -> None:
+        """A `Session` makes it."""
         self._session, self.over = session, False
         self.run_number, self.block = planned.run, planned.block
         self.device, self.repetition = planned.configuration, planned.repetition
         protocol = session.protocol
         numbered = protocol.controllers.get(planned.controller) if isinstance(planned.controller, int) else None
         self.controller = numbered.name if numbered else str(planned.controller)
-        #: (n, 2), m: points of the path, a millimetre apart
         self.path_m = outline(protocol.paths[planned.segment], OUTLINE_M)
 
     def run(self, hand: SimulatedPerson | HandFunction | None = None) -> pd.Series:
@@ -347,7 +352,7 @@ class Bench:
         if self._real.problem or sample is None:
             raise InputError(f"the device is not ready: {self._real.problem or 'no sample came'}")
         if sample.fault:
-            raise InputError(f"the device is not ready: {sample.fault}")
+            raise InputError(f"the device is not ready: {sample.fault}; see to it and call session.reset()")
         if not sample.homed:
             raise InputError("the device is not homed: hold the handle at its jig and call session.home()")
         if not self._real.zeroed:
