@@ -118,7 +118,7 @@ def test_practice_keeps_its_recording_too(place: Place) -> None:
     unplug = next(fault for fault in HARD if fault.name == "unplug")
     place.plan[unplug.device].insert(0, place.session.next_practice())
     case = Case(place, unplug, "move")
-    assert case.words.startswith("Practice: ") and case.zero_ms <= BOARD_MS
+    assert case.words.startswith("The practice trial: ") and case.zero_ms <= BOARD_MS
     check_told(case)
     case.use_again()
     case.close()
@@ -159,8 +159,8 @@ def test_no_fault_is_left_out() -> None:
 
 def row_of(case: Case) -> list[str]:
     """The row of the page for a fault in a movement: fault, ms until the currents are zero, words, status."""
-    said = case.words.partition(": ")[2] if case.words.startswith("Run ") else case.words
-    words = re.sub(r"Run \d+", "Run N", said)
+    said = case.words.partition(": ")[2] if case.words.startswith("Trial ") else case.words
+    words = re.sub(r"Trial \d+(, \w+ try)?", "Trial N", said)
     return [case.fault.name, str(case.zero_ms), words[0].upper() + words[1:], case.row.status]
 
 

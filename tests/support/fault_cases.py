@@ -25,6 +25,7 @@ from core.device_interface import ZeroRecord
 from core.faults import cause
 from experiments.protocol import Protocol, load_protocol
 from experiments.recording import Sensors
+from experiments.store.cells import trial_name
 from experiments.store.reader import read_recording
 from experiments.store.session import Participant, Session
 from experiments.trial.real_trial import RealTrial
@@ -79,7 +80,7 @@ class Place(NamedTuple):
 def lost(name: str = "") -> str:
     """What `State` says when the loop is gone."""
     said = with_advice("", cause("loop-died"))
-    return f"{said} {name} is recovered and its trial is repeated next." if name else said
+    return f"{said} {name} is recovered and repeated next." if name else said
 
 
 LEAST_TICKS = 150  # that a link listens before anything happens: its clock model has settled
@@ -253,11 +254,18 @@ class Case:
             self.ticks = int(self.ring.control.head)
             self.run.rescue(session)
             self.row = next(r for r in session.rows if r.run == self.run.planned.run)
-            self.words = lost(self.run.name)
+            self.words = lost(self.name)
             return
         self.run.returned(TrialReturned(self.running.state), "")
-        self.words = with_advice(self.run.name, self.run.trial.outcome()["reason"])
+        self.words = with_advice(self.name, self.run.trial.outcome()["reason"])
         self.row = self.run.finish(session)
+
+    @property
+    def name(self) -> str:
+        """As the experimenter reads it."""
+        planned, session = self.run.planned, self.place.session
+        name = trial_name(planned, session.plan, session.rows) if planned.block else "the practice trial"
+        return f"{name[0].upper()}{name[1:]}"
 
     @property
     def recording(self):
