@@ -76,7 +76,7 @@ def described(name: str, found: Any) -> str:
         )
         for member, value in shown
     ]
-    return text + "\n" + table(("member", "what"), rows)
+    return text + ("\n" + table(("member", "what"), rows) if rows else "")
 
 
 def call_of(name: str, found: Callable) -> str:
