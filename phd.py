@@ -5,9 +5,9 @@
     trials = phd.run_study("paper", operators=3, seed=1)
     phd.boxes(trials, "path_error_m")
 
-Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input raises InputError, one sentence. No file
-is written, and importing changes nothing in your process. While kernels are compiled, on first use, stderr says which
-of how many.
+Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input raises InputError, one sentence. Only a
+Session writes files, and importing changes nothing in your process. While kernels are compiled, on first use, stderr
+says which of how many.
 """
 
 import tempfile
