@@ -1,6 +1,6 @@
 """Numbers as people read them: "10" and never "1e+01", "0" and never "-0", "15 %" with its space."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 def significant(value: float, digits: int = 3) -> str:
@@ -17,6 +17,12 @@ def fixed(value: float, decimals: int, sign: str = "") -> str:
 def percent(share: float, decimals: int = 0, sign: str = "") -> str:
     """A share (0 .. 1) in percent."""
     return f"{fixed(100.0 * share, decimals, sign)} %"
+
+
+def in_words(parts: Iterable[str]) -> str:
+    """ "a, b and c"."""
+    *first, last = [*parts] or [""]
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def place_cm(tip: Sequence[float], decimals: int = 0) -> str:

@@ -6,6 +6,7 @@ lost. The paper's protocol is shipped and the default.
 """
 
 import functools
+import itertools
 import json
 import os.path
 import stat
@@ -33,6 +34,7 @@ from core.path import PathFile, build_path, outline, point_at
 from core.workspace import free_tips, tip_is_free
 from experiments.assumptions import ENCODERS, NO_VIBRATION, Assumptions, encoder_counts
 from experiments.language import Language, language_text, read_language, shipped_languages
+from experiments.numbers import in_words
 from experiments.own_measure import declared_measures
 from experiments.protocol_file import (
     NUMBER,
@@ -99,9 +101,16 @@ class Protocol(Settings, frozen=True, kw_only=True):
         return bool(self.provenance.strip()) and is_assumed(self.provenance)
 
     @property
+    def assumed_of(self) -> tuple[str, ...]:
+        """Whose numbers are assumed: of a device, of brakes, of paths."""
+        brakes = any(brake.assumed for device in self.devices for brake in device.brake_files.values())
+        devices = any(is_assumed(device.file.provenance) for device in self.devices)
+        return tuple(itertools.compress(("device", "brakes", "paths"), (devices, brakes, self.paths_assumed)))
+
+    @property
     def assumed(self) -> bool:
-        """Whether a device or the paths have assumed numbers."""
-        return self.paths_assumed or any(device.assumed for device in self.devices)
+        """Whether a device, a brake or a path has assumed numbers."""
+        return bool(self.assumed_of)
 
     @property
     def low_gain(self) -> float | None:
@@ -139,10 +148,8 @@ class Protocol(Settings, frozen=True, kw_only=True):
             in_brackets = f" ({'; '.join(about)})" if about else ""
             parts.append(f"low gain {self.low_gain:g} N s/m{in_brackets}")
         parts += [words] if (words := self.assumptions.words()) else []
-        if any(device.assumed for device in self.devices):
-            parts.append("parameters assumed")
-        elif self.paths_assumed:
-            parts.append("paths assumed")
+        if self.assumed:
+            parts.append(f"{in_words(self.assumed_of)} assumed")
         return ", ".join(parts)
 
     def controller_name(self, controller: int | str) -> str:

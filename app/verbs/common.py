@@ -151,9 +151,13 @@ def print_result(args: argparse.Namespace, found: Any, text: str, warnings: Iter
 def summary_text(summary: dict) -> str:
     """A summary as text: a line for each key, then the entries of its lists, then the warnings."""
     shown = {key: value for key, value in summary.items() if key != "warnings"}
-    width = max((len(label_of_key(key)) for key in shown), default=0)
+    names = [*map(label_of_key, shown), *map(label_of_controller, shown.get("controllers", ()))]
+    width = max(map(len, names), default=0)
     lines, entries = [], []
     for key, value in shown.items():
+        if key == "controllers":
+            lines += [f"{label_of_controller(of):{width}}  {_shown('share', of['share_reached'])}" for of in value]
+            continue
         name = label_of_key(key)
         if isinstance(value, list):
             entries += [": ".join(entry.values()) if isinstance(entry, dict) else f"{name}: {entry}" for entry in value]
@@ -168,10 +172,13 @@ def _shown(key: str, value: object) -> object:
     return "none" if value is None else value
 
 
+def label_of_controller(about: dict) -> str:
+    """The label of a controller's line, by its name."""
+    return f"share reached, {about['name']}"
+
+
 def label_of_key(key: str) -> str:
     """low_gain_N_s_m becomes "low gain (N s/m)"."""
-    if key.startswith("done_controller_"):
-        return f"share reached, controller {key.removeprefix('done_controller_')}"
     unit = next((unit for unit in UNITS if key.endswith(f"_{unit}")), "")
     name = key.removesuffix(f"_{unit}").replace("_", " ") if unit else key.replace("_", " ")
     return f"{name} ({UNITS[unit]})" if unit else name

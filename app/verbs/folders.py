@@ -156,7 +156,7 @@ def play(recording: Path) -> int:
 def table(summary: dict) -> str:
     """The summary as a table."""
     before, after = summary["before"], summary["after"]
-    assumed = ", the device's parameters assumed" if summary["assumed"] and "assumed" not in summary["note"] else ""
+    assumed = ", device numbers assumed" if summary["assumed"] and "assumed" not in summary["note"] else ""
     lines = [
         f"{summary['recording']}: participant {summary['participant']}, run {summary['run']}, hand: {summary['hand']}",
         summary["note"] + assumed,

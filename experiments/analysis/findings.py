@@ -40,10 +40,11 @@ from experiments.analysis.statistics import (
     spreads,
 )
 from experiments.analysis.trials_table import Trials, to_compare
-from experiments.numbers import fixed, percent, significant
+from experiments.numbers import percent, significant
 
 BELOW, SIMILAR, AT_MOST = "below", "similar", "at most"
 LITTLE_OF_U, SIMILAR_OF_U = 0.15, 0.30  # the least difference that matters; where the paper says "similar"
+MOST_SHARE = 2.0  # of U: a larger difference is not given in percent of it, since U is then tiny. Our choice
 LEAST_FINISHED = 0.9  # share of the trials of each controller compared
 HOLDS, FAILS, CANNOT_TELL = "holds", "does not hold", "cannot tell"
 DEPENDS = "depends on how the cut is treated"
@@ -221,11 +222,17 @@ class Evidence(NamedTuple):
         about = f"{measured[:1].upper()}{measured[1:]}, {against}, {where}"
         if self.found is None:
             return f"{about} ({self.why})"
-        _, middle, low, high = (100.0 * value for value in self.found)
-        interval = f" ({fixed(low, 0, '+')} to {fixed(high, 0, '+')})" if math.isfinite(low) and low < high else ""
-        size, apart = (significant(metric.scale * value * self.unit) for value in (1.0, self.found.middle))
-        share = f"{apart} {metric.shown_unit}, that is {fixed(middle, 0, '+')} %{interval} of the"
-        return f"{about}: {share} {self.statistic} without control, {size} {metric.shown_unit}"
+        _, middle, low, high = self.found
+        interval = f" ({self._in_unit(low)} to {self._in_unit(high)})" if math.isfinite(low) and low < high else ""
+        share = f", {percent(middle, 0, '+')} of" if abs(middle) <= MOST_SHARE else "; for comparison,"
+        size = significant(metric.scale * self.unit)
+        without = f"the {self.statistic} without control, {size} {metric.shown_unit}"
+        return f"{about}: {self._in_unit(middle)} {metric.shown_unit}{interval}{share} {without}"
+
+    def _in_unit(self, share: float) -> str:
+        """A difference, given in units of U, as a number in the unit in which its measure is shown."""
+        text = significant(BY_NAME[self.measure].scale * share * self.unit)
+        return text if text.startswith("-") else f"+{text}"
 
     @property
     def statistic(self) -> str:
@@ -235,10 +242,12 @@ class Evidence(NamedTuple):
     @property
     def judged(self) -> str:
         """The numbers, what was needed, and why that is not met."""
-        least = percent(self.matters)
-        needed = {BELOW: f"-{least} or lower", AT_MOST: f"+{least} or lower"}
-        text = f"{self.text}; needed: {needed.get(self.claim.kind, f'within ±{least}')}"
-        if self.found is None or self.answer:
+        if self.found is None:
+            return self.text
+        needed = f"{self._in_unit(self.limit)} {BY_NAME[self.measure].shown_unit}"
+        needed = f"within ±{needed[1:]}" if self.claim.kind == SIMILAR else f"{needed} or lower"
+        text = f"{self.text}; needed: {needed} ({percent(self.matters)})"
+        if self.answer:
             return text
         if self.answer is None:
             return text + (

@@ -7,7 +7,7 @@ from experiments.analysis.metrics import BY_NAME, JUDGED, Metric
 from experiments.analysis.sensitivity import swapped
 from experiments.analysis.statistics import Result, finished_share, least_p_holm, people_of
 from experiments.analysis.trials_table import COUNTED, Trials, is_coded
-from experiments.numbers import fixed, percent, significant
+from experiments.numbers import fixed, in_words, percent, significant
 
 DOES_NOT_COUNT = "aborted, stopped, redone, recovered, skipped or excluded"
 
@@ -85,6 +85,8 @@ def _differences(results: Sequence[Result], own: Sequence[Metric]) -> Iterator[s
             listed = ", ".join(f"{where} p {p_value(p)}" for where, p in chances.items())
             differs = "differs" if all(p < 0.05 for p in chances.values()) else "does not everywhere differ"
             yield f"{metric.title} {differs} between controllers (Friedman: {listed})."
+    if few := next((r.missing for r in results if r.statistic == "chi_square" and r.missing), ""):
+        yield f"Whether the controllers differ is not tested: {few}."
 
 
 def _trend(results: Sequence[Result], own: Sequence[Metric]) -> Iterator[str]:
@@ -92,7 +94,16 @@ def _trend(results: Sequence[Result], own: Sequence[Metric]) -> Iterator[str]:
     metrics = [metric for metric in (*JUDGED, BY_NAME["duration_s"], *own) if metric.name in found]
     if metrics:
         changed = "; ".join(f"{metric.short} {signed(found[metric.name], 1.0, 1)} %" for metric in metrics)
-        yield f"Over ten trials, in the same task, the median participant changed (learning or fatigue): {changed}."
+        few = next((r.missing for r in found.values() if r.missing), "")
+        clear = [m.short for m in metrics if _is_clear(found[m.name])]
+        trend = f"learning or fatigue in {in_words(clear)}" if clear else "no clear learning or fatigue"
+        meaning = f"no trend can be told ({few})" if few else trend
+        yield f"Over ten trials, in the same task, the median participant changed: {changed}; {meaning}."
+
+
+def _is_clear(result: Result) -> bool:
+    """Whether its interval leaves 0 out."""
+    return result.low is not None and result.high is not None and not result.low <= 0.0 <= result.high
 
 
 def _speed(results: Sequence[Result]) -> Iterator[str]:
@@ -173,15 +184,16 @@ def _measure(definition: str) -> str:
 def reading_contrasts(contrasts: Sequence[Result]) -> str:
     """The end of the sentence under the pairs of controllers."""
     if all(r.p_holm is None for r in contrasts):
-        return "."
+        few = next((r.missing for r in contrasts if r.missing), "")
+        return f"; neither interval nor p: {few}." if few else "."
     return " with the 95 % interval of Wilcoxon's test; p after Holm's correction for all pairs of the same rows."
 
 
 def reading_against_none(changes: Sequence[Result], results: Sequence[Result]) -> str:
     """How to read the changes against no control; results: of all pairs."""
     interval = " with the 95 % interval of that test; *: p < 0.05 after Holm's correction for all pairs"
-    if any(r.p_holm is None for r in changes):
-        interval = ""
+    if few := next((r.missing for r in changes if r.missing), ""):
+        interval = f"; neither interval nor *: {few}"
     how = (
         "Change between the means of each participant's trials, as above, but its middle by Hodges and Lehmann, which "
         f"goes with Wilcoxon's test and takes no distribution{interval}."

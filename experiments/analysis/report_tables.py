@@ -50,9 +50,10 @@ def contrasts_table(contrasts: Sequence[Result], names: Mapping[int, str], own: 
     for r in contrasts:
         metric = metrics[r.measure]
         pair = f"{name_of(r.first, names)} - {name_of(r.second, names)}"
-        p = "" if r.p_holm is None else p_value(r.p_holm).removeprefix("= ")
-        lines.append((with_unit(metric), r.configuration, pair, signed(r, metric.scale, metric.decimals), p))
-    return markdown_table(("measure", "device", "controllers", "difference", "p"), lines)
+        p = "none" if r.p_holm is None else p_value(r.p_holm).removeprefix("= ")
+        differ, difference = f"{r.differ} of {r.people}", signed(r, metric.scale, metric.decimals)
+        lines.append((with_unit(metric), r.configuration, pair, difference, differ, p))
+    return markdown_table(("measure", "device", "controllers", "difference", "people that differ", "p"), lines)
 
 
 def changes_against(none: int, results: Sequence[Result]) -> list[Result]:

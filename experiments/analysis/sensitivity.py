@@ -145,9 +145,9 @@ def sensitivity(trials: Trials, read: Read | None = None, timeouts: bool = False
                 if len(common) < 2:
                     continue
                 tau = kendall_tau([base[k] for k in common], [means[k] for k in common])
-                order = " < ".join(str(k) for k in sorted(means, key=means.__getitem__))
+                order, first = (" < ".join(str(k) for k in sorted(of, key=of.__getitem__)) for of in (means, base))
                 about = ("order", definition, configuration, order, definitions[0], people, "kendall_tau")
-                results.append(Result(*about, tau))
+                results.append(Result(*about, tau, differ=len(swapped(first, order))))
                 if thing == "smoothness" and not _higher_is_better(definition):
                     results += _roughness(here, definition, configuration, people, none)
     return results + _without_reaction(trials) if read else results

@@ -47,7 +47,7 @@ ByController = dict[int, dict[str, float]]  # controller -> participant -> mean
 
 
 class Result(NamedTuple):
-    """One number of statistics.csv. Empty text or None: does not apply, or too few people for it."""
+    """One number of statistics.csv. Empty text or None: does not apply, or `missing` says why."""
 
     test: str
     measure: str
@@ -61,6 +61,8 @@ class Result(NamedTuple):
     high: float | None = None
     p: float | None = None
     p_holm: float | None = None
+    differ: int | None = None  # people whose two means are not equal; of an order: pairs that change places
+    missing: str = ""  # why there is no p, or no interval
 
 
 class Interval(NamedTuple):
@@ -139,6 +141,11 @@ def finished_share(trials: Trials) -> dict[tuple[str, int | str], float]:
     return {cell: float(ended.mean()) for cell, ended in done}
 
 
+def why_no_p(people: int) -> str:
+    """Why so few people give no p-value and no interval; "": they do."""
+    return "" if people >= LEAST_PEOPLE else f"{people} of the {LEAST_PEOPLE} people that a p-value needs"
+
+
 def too_few(people: int) -> str:
     """The sentence that refuses to claim anything for others; empty if there are enough people."""
     if people >= LEAST_PEOPLE:
@@ -178,7 +185,8 @@ def means(measure: str, configuration: str, table: ByController) -> list[Result]
     for controller, of_people in table.items():
         found = mean_interval(list(of_people.values()))
         about = ("mean", measure, configuration, f"{controller}", "", found.people, "mean")
-        results.append(Result(*about, found.middle, *(found[2:] if found.people >= LEAST_PEOPLE else ())))
+        low, high = found[2:] if found.people >= LEAST_PEOPLE else (None, None)
+        results.append(Result(*about, found.middle, low, high, missing=why_no_p(found.people)))
     return results
 
 
@@ -193,7 +201,13 @@ def friedman(measure: str, configuration: str, table: ByController) -> list[Resu
     chi_square, p = map(float, scipy.stats.friedmanchisquare(*data))
     about = ("friedman", measure, configuration, " ".join(map(str, table)), "", len(people))
     return [
-        Result(*about, "chi_square", chi_square, p=p if len(people) >= LEAST_PEOPLE else None),
+        Result(
+            *about,
+            "chi_square",
+            chi_square,
+            p=p if len(people) >= LEAST_PEOPLE else None,
+            missing=why_no_p(len(people)),
+        ),
         Result(*about, "kendall_W", chi_square / (len(people) * (len(table) - 1))),
     ]
 
@@ -209,12 +223,16 @@ def pairs(measure: str, configuration: str, table: ByController) -> list[Result]
         about = ("difference", measure, configuration, f"{a}", f"{b}", len(differences))
         shift = shift_interval(differences)
         effect = rank_biserial(differences)
-        ends: tuple[tuple, tuple] = ((), ())
+        count = int(np.count_nonzero(differences)), why_no_p(len(differences))
+        of_shift: tuple[float | None, ...] = (None, None)
+        of_effect = of_shift
         if len(differences) >= LEAST_PEOPLE:
             chances[len(results)] = signed_rank_p(differences)
-            ends = shift[2:], rank_biserial_interval(effect, len(differences))
-        results.append(Result(*about, "hodges_lehmann", shift.middle, *ends[0]))
-        results.append(Result(*about, "rank_biserial", effect, *ends[1]))
+            of_shift, of_effect = shift[2:], rank_biserial_interval(effect, len(differences))
+        for statistic, value, (low, high) in (
+            ("hodges_lehmann", shift.middle, of_shift), ("rank_biserial", effect, of_effect)
+        ):  # fmt: skip
+            results.append(Result(*about, statistic, value, low, high, None, None, *count))
     for (place, p), p_holm in zip(chances.items(), holm(list(chances.values())).tolist(), strict=True):
         results[place] = results[place]._replace(p=p, p_holm=p_holm)
     return results
@@ -304,7 +322,7 @@ def _middle(values: np.ndarray) -> tuple[float, float]:
 
 
 def trend(trials: Trials, measure: str) -> list[Result]:
-    """Learning or fatigue: each participant's change over ten trials, in % of their mean; its median over people.
+    """Over the order of trials: each participant's change over ten trials, in % of their mean; its median over people.
 
     The slope over the number of the trial within each task (configuration, controller, segment): what differs
     between tasks, and between the configuration that came first and the other, cannot pass for a trend.
@@ -321,7 +339,7 @@ def trend(trials: Trials, measure: str) -> list[Result]:
     found = median_interval(slopes)
     result = Result("trend", measure, "all", "", "", found.people, "percent_in_10_trials", found.middle)
     if found.people < LEAST_PEOPLE:
-        return [result]
+        return [result._replace(missing=why_no_p(found.people))]
     return [result._replace(low=found.low, high=found.high, p=signed_rank_p(np.array(slopes)))]
 
 
@@ -355,13 +373,13 @@ def error_and_speed(trials: Trials) -> list[Result]:
         return []
     product, square, errors = (sum(column) for column in zip(*sums, strict=True))
     slope, spread = product / square, math.sqrt(square * errors)
-    ends: tuple[float, ...] = ()
+    low, high = None, None
     if len(sums) >= LEAST_PEOPLE:
         drawn = np.array(sums)[_resampled(len(sums))].sum(axis=1)
-        ends = _middle(drawn[:, 0] / drawn[:, 1])
+        low, high = _middle(drawn[:, 0] / drawn[:, 1])
     about = ("speed", "path_error_m", "all", "", "", len(sums))
     results = [
-        Result(*about, "m_per_doubling", slope, *ends),
+        Result(*about, "m_per_doubling", slope, low, high, missing=why_no_p(len(sums))),
         Result(*about, "correlation", product / spread if spread else None),
     ]
     for configuration in configurations_of(trials):

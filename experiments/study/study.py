@@ -22,6 +22,7 @@ from experiments.analysis.report import warnings, write_report
 from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import COUNTED, StudyData, Trials, without_value
 from experiments.atomic_files import is_wrong_path, make_empty_folder, new_folders
+from experiments.numbers import in_words
 from experiments.plan import PlannedTrial, make_plan
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
@@ -158,7 +159,10 @@ class StudyRun:
             "out": str(self.out),
             "trials": len(table),
             "trials_run_now": self.done["trials"],
-            **{f"done_controller_{number}": float(share_done.get(number, 0.0)) for number in protocol.controllers},
+            "controllers": [
+                {"controller": number, "name": preset.name, "share_reached": float(share_done.get(number, 0.0))}
+                for number, preset in protocol.controllers.items()
+            ],
             "recovered": int((table["status"] == "recovered").sum()),
             "in_doubt": self.done["in_doubt"],
             "findings": refusal or verdicts(found),
@@ -167,7 +171,7 @@ class StudyRun:
             "operator_numbers_changed_after_findings": list(population.changed_after_findings) or "none",
             "rules": protocol.rules,
             "low_gain_N_s_m": protocol.low_gain,
-            "parameters": "assumed" if protocol.assumed or population.assumed else "as in the files",
+            "assumed": in_words((*protocol.assumed_of, *population.assumed_of)) or "nothing",
             "simulated_s": self.done["ticks"] * TICK_S,
             "simulation_wall_s": 1e-9 * self.done["simulating_ns"],
             "wall_s": time.perf_counter() - began,

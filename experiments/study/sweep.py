@@ -23,6 +23,7 @@ from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import TrialRow, frame_bytes
 from experiments.assumptions import ENCODERS, Assumptions, encoder_counts
 from experiments.atomic_files import write_new_files
+from experiments.numbers import in_words
 from experiments.plan import PlannedTrial
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of, read_code
@@ -275,7 +276,9 @@ def run_sweep(
     As `run_work`. Figures that are there are left as they are.
     """
     finished = run_work(sweep, Path(out), resume, cluster, progress)
-    assumed = any(job.protocol.assumed or job.population.assumed for job in sweep.jobs)
+    assumed = dict.fromkeys(
+        part for job in sweep.jobs for part in (*job.protocol.assumed_of, *job.population.assumed_of)
+    )
     first = sweep.jobs[0]
     measures = (*FIGURES, *first.own)
     trials = read_sweep(finished.table, [*MEASURED[MEASURED.index("status") + 1 :], *(own.name for own in first.own)])
@@ -295,7 +298,7 @@ def run_sweep(
         "already_done": finished.already_done,
         "trials": len(trials),
         "share_done": float((trials["status"] == "done").mean()),
-        "parameters": "assumed" if assumed else "as in the files",
+        "assumed": in_words(assumed) or "nothing",
         "simulated_s": finished.ticks * TICK_S,
         "wall_s": finished.wall_s,
         "moves_most": moves_most(found, measures),

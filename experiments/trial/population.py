@@ -125,9 +125,9 @@ class Population:
         return Operators(self.name, self.changed_after_findings)
 
     @property
-    def assumed(self) -> bool:
-        """Whether some of its numbers are assumed: marked wherever they are shown."""
-        return any(is_assumed(spread.source) for spread in self.spreads.values())
+    def assumed_of(self) -> tuple[str, ...]:
+        """Whether some of its numbers are assumed, as `Protocol.assumed_of`: marked wherever they are shown."""
+        return ("people",) if any(is_assumed(spread.source) for spread in self.spreads.values()) else ()
 
     def draw(self, generator: np.random.Generator) -> Person:
         """A person at random. The same draws pick the same place in every population's spreads."""

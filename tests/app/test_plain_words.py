@@ -88,10 +88,10 @@ def test_a_summary_gives_units_as_units_and_names_what_it_lists() -> None:
     assert [line.split()[-1] for line in lines[2:5]] == ["2", "settled", "1"]
     assert lines[5:] == ["left out: a", "left out: b", "run-001: cut off", "warning: few people"]
     assert label_of_key("operators") == "operators"
-    shares = {"done_controller_1": 1.0, "done_controller_2": 0.9583333, "already_done": 3, "low_gain_N_s_m": None}
+    reached = {"controller": 2, "name": "SDOF", "share_reached": 0.9583333}
+    shares = {"controllers": [reached], "already_done": 3, "low_gain_N_s_m": None}
     assert dict(re.split(r"\s{2,}", line) for line in summary_text(shares).splitlines()) == {
-        "share reached, controller 1": "100 %", "share reached, controller 2": "95.83 %", "already done": "3",
-        "low gain (N s/m)": "none",
+        "share reached, SDOF": "95.83 %", "already done": "3", "low gain (N s/m)": "none"
     }  # fmt: skip
 
 

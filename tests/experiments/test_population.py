@@ -41,7 +41,7 @@ def test_every_shipped_number_has_a_unit_and_a_source_and_says_where_it_is_assum
         assert len(spread.source) > 6, key
         published = re.search(r"PMC|PMID|srep|[A-Z]\w+ \d{4}", spread.source)
         assert published or spread.source.startswith("assumed"), key
-    assert population.assumed
+    assert population.assumed_of == ("people",)
 
 
 def test_a_file_of_before_lacks_cursor_and_end_and_its_people_are_who_they_were():

@@ -36,7 +36,7 @@ LEGENDS = {
     DIRECTIONS: "motion that one locked brake leaves; bold: the controller's choice",
     REACHABLE: "forces that the brakes can exert now",
 }
-ASSUMED = "parameters assumed"
+ASSUMED = "device numbers assumed"
 SAMPLE_WEDGE = layers.Wedge(-0.5, 0.5, (-0.5, 0.5))
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 

@@ -1,0 +1,66 @@
+"""Statistics say what they count: people and pairs that differ, why a p is missing, percent of no tiny mean."""
+
+from dataclasses import replace
+
+import pytest
+from protocols import study_data
+from test_boxplots import study
+
+from experiments.analysis.findings import BELOW, ERROR, Claim, Evidence
+from experiments.analysis.report import write_report
+from experiments.analysis.report_sentences import sentences
+from experiments.analysis.statistics import Interval, pairs, statistics, trend
+from experiments.analysis.trials_table import as_table
+
+
+@pytest.mark.parametrize(
+    ("differences", "differ", "missing"),
+    [([0.0] * 5 + [1.0], 1, ""), ([0.0] * 8, 0, ""), ([1.0, 2.0, 0.0], 2, "3 of the 6 people")],
+)
+def test_a_difference_of_zero_beside_a_correlation_of_one_names_how_many_pairs_differ(differences, differ, missing):
+    people = [f"{n}" for n in range(len(differences))]
+    table = {1: dict(zip(people, differences, strict=True)), 2: dict.fromkeys(people, 0.0)}
+    shift, correlation = pairs("path_error_m", "three-brake", table)
+    assert shift.differ == correlation.differ == differ
+    assert missing in shift.missing and bool(shift.missing) == (shift.p is None)
+    if differ == 1:
+        assert (shift.value, correlation.value) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("people", "words", "never"),
+    [
+        (4, ("4 of the 6 people", "not tested", "no trend can be told"), ("learning", "fatigue", "Friedman")),
+        (7, ("Friedman", "learning or fatigue"), ("of the 6 people", "not tested")),
+    ],
+)
+def test_four_people_show_no_learning_and_are_said_to_be_too_few_for_a_p(people, words, never):
+    rows = [replace(row, run=run) for run, row in enumerate(study(people, controllers=(1, 2, 3)), start=1)]
+    said = " ".join(sentences(statistics(as_table(rows))))
+    assert all(word in said for word in words) and not any(word in said for word in never)
+    assert all(bool(result.missing) == (people < 6) for result in trend(as_table(rows), "path_error_m"))
+
+
+@pytest.mark.parametrize(
+    ("share", "unit", "words", "never"),
+    [
+        (-0.5, 0.008, ("-4 mm", "-50 % of the mean without control, 8 mm", "needed: -1.2 mm or lower (15 %)"), ()),
+        (-5.88, 0.001, ("-5.88 mm (-6.88 to -4.88)", "for comparison, the mean without control, 1 mm"), ("588",)),
+    ],
+)
+def test_a_difference_stands_in_its_unit_first_and_in_percent_only_of_a_mean_that_is_not_tiny(
+    share, unit, words, never
+):
+    claim = Claim(BELOW, ERROR, (2,), (1,))
+    found = Interval(6, share, share - 1.0, share + 1.0)
+    said = Evidence(claim, ERROR, ("three-brake", "three-brake"), claim.matters, "", unit, found).judged
+    assert all(word in said for word in words) and not any(word in said for word in never), said
+    assert "%" not in said.split(" mm")[0]
+
+
+def test_a_report_counts_the_people_that_differ_and_says_why_there_is_no_p(tmp_path):
+    write_report(study_data(study(3, controllers=(1, 2)), protocol="mine"), tmp_path)
+    page = (tmp_path / "report.md").read_text()
+    header, *lines = (tmp_path / "statistics.csv").read_text().splitlines()
+    assert "differ,missing" in header and any("3 of the 6 people" in line for line in lines)
+    assert "3 of the 6 people that a p-value needs" in page
