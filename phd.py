@@ -18,9 +18,10 @@ from typing import Any
 
 import pandas as pd
 
-from app.progress import watch_compiling
+from app.progress import ProgressBar, watch_compiling
 from app.scripted_session import HandTick, Session, SessionTrial, SimulatedPerson
 from core.device import Device, load_device
+from core.device_from_values import device
 from core.files import InputError
 from core.simulator.stepped import Simulation, State
 from experiments.analysis.charts import boxes as _boxes
@@ -38,13 +39,13 @@ from experiments.store.own_code import allow_code, unallowed_code
 from experiments.store.reader import read_recording
 from experiments.study.replay import Replacement
 from experiments.study.replay import replay as _replay
-from experiments.study.unrecorded import study_trials, with_low_gain_found
+from experiments.study.unrecorded import study_in_processes, with_low_gain_found
 from experiments.trial.population import USUAL, load_population
 from experiments.trial.real_trial import load_kernels
 
 __all__ = [
     "Device", "HandTick", "InputError", "Session", "SessionTrial", "SimulatedPerson", "Simulation", "State", "boxes",
-    "load_device", "load_recording", "load_trials", "replay", "run_scene", "run_study", "statistics",
+    "device", "load_device", "load_recording", "load_trials", "replay", "run_scene", "run_study", "statistics",
 ]  # fmt: skip
 
 
@@ -68,28 +69,46 @@ def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFra
     return frame
 
 
-def run_study(
+def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
     protocol: str | Path = "paper",
     operators: int = 3,
     population: str | Path = USUAL,
     devices: Sequence[str | Path | Device] | None = None,
+    n_jobs: int = 1,
+    progress: bool = False,
     **overrides: Any,
 ) -> pd.DataFrame:
     """The trials of a study of simulated operators, a row each, without recordings: the numbers of `phd study`.
 
-    protocol, population, devices: shipped names, files; devices also as `load_device` gives them.
-    overrides: seed, rules, low_gain, sensing in place of the protocol's.
+    protocol, population, devices: shipped names, files; devices also as `load_device` and `device` give them.
+    operators: how many people.
+    n_jobs: processes, -1: one a core; the numbers are the same. progress: a bar on stderr.
+    overrides: seed, rules, low_gain, sensing in place of the protocol's. InputError for wrong input.
     """
+    if n_jobs == 0 or n_jobs < -1 or operators < 1:
+        raise InputError("n_jobs must be at least 1, or -1 for one a core, and operators at least 1")
     people = load_population(population)
     watch_compiling()
     load_kernels()
     chosen = with_low_gain_found(load_protocol(protocol, devices=devices, **overrides), people)
-    trials = as_table(row for row, _ in study_trials(chosen, people, operators))
+    own_metrics(chosen)  # InputError: its own measures cannot be used
+    bar = ProgressBar("simulating") if progress else None
+    rows = []
+    for number, those in enumerate(study_in_processes(chosen, people, operators, n_jobs), start=1):
+        rows += those
+        if bar is not None:
+            bar(number / operators)
+    if bar is not None:
+        bar.close()
+    trials = as_table(rows)
     return _with_units(trials, {metric.name: metric.unit for metric in own_metrics(chosen)})
 
 
 def load_trials(folder: str | Path) -> pd.DataFrame:
-    """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value."""
+    """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value.
+
+    folder: of a study, of sessions, or a trials.csv. InputError: it holds none.
+    """
     path = Path(folder)
     sessions = sessions_in(path).folders if path.is_dir() and not (path / TABLE).exists() else []
     trials = as_table(pooled_rows(path)) if sessions else read_table(path / TABLE if path.is_dir() else path)
@@ -100,7 +119,7 @@ def load_trials(folder: str | Path) -> pd.DataFrame:
 def load_recording(file: str | Path) -> pd.DataFrame:
     """The ticks of a recording, a row a millisecond; texts (phase, decision, stuck) as categories.
 
-    attrs: metadata, outcome. InputError if it is damaged or was cut off.
+    file: run-*.parquet of a session. attrs: metadata, outcome. InputError if it is damaged or was cut off.
     """
     recording = read_recording(file)
     if not recording.whole:
@@ -123,7 +142,8 @@ def replay(
 ) -> pd.DataFrame:
     """Each measure of a recorded trial, before and after its hand is simulated once more (see `phd replay`).
 
-    controller: by its number in the protocol; None: the recorded one. attrs["summary"]: what the verb prints.
+    file: run-*.parquet of a session. controller: by its number in the protocol; device: a shipped name or a file; None:
+    the recorded ones. attrs["summary"]: what the verb prints.
     run_own_code: controllers and measures that the session's folder holds may run, now and later.
     """
     if run_own_code:
@@ -140,7 +160,11 @@ def replay(
 
 
 def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit."""
+    """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit.
+
+    trials: as `run_study` and `load_trials` give them. measure: its column, as "path_error_m". InputError: there is no
+    such column.
+    """
     trials, metric = complete(trials), _metric(measure, trials)
     found = _boxes(trials, metric, configurations_of(trials))
     index = pd.MultiIndex.from_tuples(list(found), names=["controller", "configuration"])
@@ -153,7 +177,10 @@ def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def statistics(trials: pd.DataFrame) -> pd.DataFrame:
-    """The statistics of `phd analyze`, a row each: means, Friedman, each pair of controllers, trends, speed."""
+    """The statistics of `phd analyze`, a row each: means, Friedman, each pair of controllers, trends, speed.
+
+    trials: as `run_study` and `load_trials` give them.
+    """
     return pd.DataFrame(_statistics(complete(trials)), columns=list(Result._fields))
 
 

@@ -32,6 +32,11 @@ print(json.dumps([[s.name(), s.size().width(), s.size().height(), s.devicePixelR
 """
 
 
+def redraws(stream: object) -> bool:
+    """Whether a line that is written anew replaces the one before: on a terminal, and in a notebook's cell."""
+    return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))  # type: ignore[attr-defined]
+
+
 class ProgressBar:
     """A bar for work of more than a second, called with the share done; lines where stderr is no terminal."""
 
@@ -51,7 +56,7 @@ class ProgressBar:
             print(PROGRESS, f"{share:.3f}", file=sys.stderr, flush=True)
             return
         self.place = where or f"{percent(share)}{self._left(share)}"
-        if not sys.stderr.isatty():
+        if not redraws(sys.stderr):
             if self._lines is None:  # not before: a study forks its processes before it has anything to show
                 self._lines = threading.Thread(target=self._write_lines, name="lines of progress", daemon=True)
                 self._lines.start()

@@ -87,7 +87,7 @@ class Session:
         self, protocol: str | Path | Protocol = "paper", participant: str = "01", folder: str | Path = "phd-data",
         port: str = "",
     ) -> None:  # fmt: skip
-        """protocol: shipped name, file, or `phd.protocol`. folder: of all sessions; made if it is not there.
+        """protocol: shipped name or file. folder: of all sessions; made if it is not there.
 
         port: of a real or emulated device ("/dev/ttyACM0", "auto", "socket://HOST:NUMBER"); "": simulated. InputError
         for wrong input, also when the block is entered, or its first trial run.

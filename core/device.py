@@ -64,7 +64,7 @@ def shipped_devices() -> list[str]:
 
 
 def load_device(name_or_path: str | Path, folder: Path | None = None, unknown: str = "unknown device") -> Device:
-    """A shipped device by its name, or a device file by its path (relative to `folder` or the current folder).
+    """A shipped device, or a device file (relative to `folder` or the current folder), by its name_or_path.
 
     InputError, which `unknown` begins where there is neither.
     """

@@ -54,11 +54,17 @@ def python() -> str:
     return "\n".join(described(name, getattr(phd, name)) for name in names) + "\n" + table(("name", "what"), rows)
 
 
+INNER = "\n    "  # of a call that is longer than a line
+
+
 def described(name: str, found: Any) -> str:
     """A function; a class with its methods; a named tuple with its fields."""
     text = f"### {name}\n\n"
     if not (inspect.isclass(found) and issubclass(found, tuple)):
-        text += f"```python\nphd.{call_of(name, found)}\n```\n\n"
+        call = f"phd.{call_of(name, found)}"
+        if len(call) > 120:
+            call = f"{call.replace('(', '(' + INNER, 1)[:-1]}\n)"
+        text += f"```python\n{call}\n```\n\n"
     text += f"{inspect.cleandoc(found.__doc__)}\n"
     if not inspect.isclass(found):
         return text

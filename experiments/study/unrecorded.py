@@ -29,6 +29,7 @@ from experiments.protocol import Protocol, middle_of_first, protocol_from_json, 
 from experiments.recording import recording_of
 from experiments.store.files import sessions_in
 from experiments.store.stored import read_stored, stored_person
+from experiments.study.helpers import cores, process_pool
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Population
@@ -78,6 +79,24 @@ def study_trials(
     """
     for operator in range(1, operators + 1):
         yield from operator_trials(protocol, population, operator, metrics)
+
+
+def study_in_processes(
+    protocol: Protocol, population: Population, operators: int, processes: int
+) -> Iterator[list[TrialRow]]:
+    """The rows of `study_trials`, operator by operator, simulated in so many processes (-1: one a core)."""
+    most = min(cores() if processes == -1 else processes, operators)
+    rows = partial(operator_rows, protocol, population)
+    if most <= 1:
+        yield from map(rows, range(1, operators + 1))
+        return
+    with process_pool(most) as pool:
+        yield from pool.map(rows, range(1, operators + 1))
+
+
+def operator_rows(protocol: Protocol, population: Population, operator: int) -> list[TrialRow]:
+    """The rows of the operator of this number (1..)."""
+    return [row for row, _ in operator_trials(protocol, population, operator)]
 
 
 def operator_trials(

@@ -1,14 +1,20 @@
 """`import phd`: the numbers of the verbs as pandas frames, in a process that stays the caller's."""
 
+import inspect
 import json
 import re
 import subprocess
 import sys
+import tempfile
+import tomllib
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from protocols import short
 
 import phd
@@ -118,3 +124,59 @@ def test_the_snippet_of_the_readme_and_the_notebook_run(monkeypatch: pytest.Monk
     monkeypatch.chdir(ROOT)
     for code in (snippet, "\n".join(cells)):
         exec(code.replace("operators=6", "operators=1"), {})
+
+
+def test_a_study_in_processes_has_the_same_numbers_and_a_bar(tmp_path: Path, capsys: pytest.CaptureFixture):
+    (protocol := tmp_path / "short.toml").write_text(short(paths=1).text)
+    one = phd.run_study(protocol, operators=2, seed=3)
+    two = phd.run_study(protocol, operators=2, seed=3, n_jobs=2, progress=True)
+    pd.testing.assert_frame_equal(one, two)
+    with pytest.raises(phd.InputError, match="n_jobs must be"):
+        phd.run_study(protocol, n_jobs=0)
+
+
+@given(
+    links=st.tuples(*[st.floats(0.2, 0.4)] * 4),
+    apart=st.floats(0.0, 0.1),
+    braked=st.sets(st.sampled_from("AEBC"), min_size=1),
+    tip_kg=st.floats(0.1, 2.0),
+)
+def test_a_device_from_values_is_the_one_of_its_toml(links, apart, braked, tip_kg):
+    content = tomllib.loads((ROOT / "core/brake_files/mrb-2107-3.toml").read_text()) | {"name": "mine"}
+    brakes = {joint: content if joint in "AB" else "mrb-2107-3" for joint in sorted(braked)}
+    made = phd.device(links, ((0.0, 0.0), (apart, 0.0)), brakes, tip_kg=tip_kg, name="mine", limits={"margin": 0.2})
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in made.brake_texts.items():
+            (Path(folder) / name).write_text(text)
+        (file := Path(folder) / "mine.toml").write_text(made.text)
+        read = phd.load_device(file)
+    for ours, theirs in zip((*made.mechanism, *made.brakes), (*read.mechanism, *read.brakes), strict=True):
+        assert np.array_equal(ours, theirs)
+    assert made.mechanism.arm_1.length_1 == links[0] and made.braked == "".join(j for j in "AEBC" if j in braked)
+    phd.Simulation(made, "ideal").step([0.1] * len(braked))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_device_that_cannot_be_is_refused():
+    brakes = {"A": "mrb-2107-3"}
+    for values, why in [
+        (((0.3, 0.3, 0.3), ((0, 0), (0, 0)), brakes), "four numbers"),
+        (((0.3,) * 4, ((0, 0), (9, 0)), brakes), "more than the arms reach"),
+        (((0.3,) * 4, ((0, 0), (0, 0)), {"F": "mrb-2107-3"}), "no joint 'F'"),
+        (((0.3,) * 4, ((0, 0), (0, 0)), {"A": "none"}), "unknown brake"),
+    ]:
+        with pytest.raises(phd.InputError, match=why):
+            phd.device(*values)
+
+
+def test_every_name_and_member_of_the_door_is_explained():
+    for name in phd.__all__:
+        found = getattr(phd, name)
+        assert found.__doc__ and not found.__doc__.startswith(f"{name}("), name
+        if inspect.isfunction(found):
+            for given in set(inspect.signature(found).parameters) - {"overrides", "tables"}:
+                assert re.search(rf"\b{given}\b", found.__doc__), (name, given)
+        if inspect.isclass(found) and name in ("Session", "SessionTrial", "Simulation", "SimulatedPerson"):
+            for member, value in vars(found).items():
+                if not member.startswith("_"):
+                    assert inspect.getdoc(value), (name, member)
