@@ -167,12 +167,11 @@ class TimePlot(Plot):
         return f"{value:.{self.digits}f}" if value == value else NOTHING
 
 
-class Trace(TimePlot):
-    """A live measure: all of the trial is kept, the newest seconds are shown."""
+class LivePlot(TimePlot):
+    """A measure of the running trial: all of it is kept, the newest seconds are shown."""
 
     def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         super().__init__(title, unit, colours, least, digits)
-        self._colours = colours
         self._room = np.empty((1 + len(colours), 8192))  # times and values begin it; what is left, later ones
         self._following = True
         self.item.hideAxis("bottom")
@@ -187,7 +186,6 @@ class Trace(TimePlot):
             self._room = np.tile(self._room, 2)
         self._room[0, begin:end], self._room[1:, begin:end] = t, values
         self._keep(end)
-        self._rescale(values)
         self.draw()
 
     def clear(self) -> None:
@@ -195,10 +193,41 @@ class Trace(TimePlot):
         self._keep(0)
         self.scale_to(self.least)
         self.show_all()
-        self.show_newest()
 
     def _keep(self, count: int) -> None:
         self.t, self.values = self._room[0, :count], self._room[1:, :count]
+
+    def show_all(self) -> None:
+        """Follow the newest tick again."""
+        self._following = True
+        self.draw()
+
+    def draw(self) -> None:
+        if self._following:
+            now = max(self.t[-1] if len(self.t) else 0.0, WINDOW_S)
+            self.item.setXRange(now - WINDOW_S, now, padding=0.0)
+        super().draw()
+
+    def _stop_following(self, *_: object) -> None:
+        self._following = False
+
+
+class Trace(LivePlot):
+    """A live measure with its newest value beside the title; its scale grows with what comes."""
+
+    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
+        self._colours = colours
+        super().__init__(title, unit, colours, least, digits)
+
+    def add(self, t: np.ndarray, values: np.ndarray) -> None:
+        highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
+        if highest > self.end:
+            self.scale_to(highest)
+        super().add(t, values)
+
+    def clear(self) -> None:
+        super().clear()
+        self.show_newest()
 
     @property
     def newest(self) -> tuple[float, ...]:
@@ -224,25 +253,6 @@ class Trace(TimePlot):
         ]  # fmt: skip
         self.figures.show_parts(*named)
 
-    def show_all(self) -> None:
-        """Follow the newest tick again."""
-        self._following = True
-        self.draw()
-
-    def draw(self) -> None:
-        if self._following:
-            now = max(self.t[-1] if len(self.t) else 0.0, WINDOW_S)
-            self.item.setXRange(now - WINDOW_S, now, padding=0.0)
-        super().draw()
-
-    def _stop_following(self, *_: object) -> None:
-        self._following = False
-
-    def _rescale(self, values: np.ndarray) -> None:
-        highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
-        if highest > self.end:
-            self.scale_to(highest)
-
 
 def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
     """The currents (4, n), A, of the joints in the order A, E, B, C; NaN for one without a brake."""
@@ -255,7 +265,7 @@ def lateness_words(us: float) -> str:
     return grouped(round(us)) if us < 1e4 else f"{grouped(round(1e-3 * us))} ms"
 
 
-class TimingStrip(Trace):
+class TimingStrip(LivePlot):
     """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
 
     LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 10 ms at the top
@@ -293,9 +303,6 @@ class TimingStrip(Trace):
         self.figures.show_parts((missed, colour))
         self.foot.show_parts((f"{foot}{kind}", COLOURS.quiet))
         self.foot.setToolTip(f"{foot}{now.scheduling}" if now is not None else "")
-
-    def show_newest(self) -> None:
-        """Nothing of a tick: what stands beside the title is of `show_timing`."""
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"
