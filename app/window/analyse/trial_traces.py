@@ -100,7 +100,7 @@ class CurrentTrace(TrialTrace):
 
 
 class TrialTraces(QWidget):
-    """Path error, hand force and currents of one trial."""
+    """Path error, tip force and currents of one trial."""
 
     asked = Signal(float)  # s: the cursor is to go there
 
@@ -108,7 +108,7 @@ class TrialTraces(QWidget):
         super().__init__()
         self._began_s = 0.0  # of the trial's first tick in its recording
         self.error = TrialTrace("Path error", "mm", [COLOURS.trace], 2.0, 1)
-        self.force = TrialTrace("Hand force", "N", [COLOURS.good], 4.0, 1)
+        self.force = TrialTrace("Tip force", "N", [COLOURS.good], 4.0, 1)
         self.currents = CurrentTrace()
         self.all = (self.error, self.force, self.currents)
         self.setLayout(column((self.error, 3), (self.force, 3), (self.currents, 4)))
