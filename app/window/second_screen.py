@@ -79,6 +79,6 @@ class SecondScreen(QObject):
         handle = self._participant.windowHandle()
         if handle is None or not handle.isExposed():
             return "it is not seen at all"
-        if not screen.geometry().contains(self._participant.geometry().center()):
-            return f"it is on {self._participant.screen().name()}"
+        if handle.screen() != screen:  # as the window system says: Wayland tells no program where its windows are
+            return f"it is on {handle.screen().name()}"
         return ""
