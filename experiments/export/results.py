@@ -3,7 +3,7 @@
 import contextlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,23 +11,15 @@ from core.control.controllers import Preset
 from core.files import InputError
 from core.path import build_path
 from experiments.analysis.charts import AnswerSet, View
-from experiments.analysis.findings import CONTROLLER, Finding, findings, why_no_findings
 from experiments.analysis.metrics import Metric
 from experiments.analysis.own_measures import own_metrics
-from experiments.analysis.report import warnings
-from experiments.analysis.report_sentences import sentences
-from experiments.analysis.sensitivity import sensitivity
-from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import (
     Controller,
     TrialRow,
     Trials,
     as_table,
     controllers_of,
-    is_coded,
     read_table,
-    to_compare,
-    without_value,
 )
 from experiments.export.files import answers_and_notes
 from experiments.protocol import Protocol, label
@@ -60,37 +52,6 @@ class Results(NamedTuple):
     protocol: str = ""  # its name
     own: tuple[Metric, ...] = ()  # measures of the protocols' own files
     problems: tuple[str, ...] = ()  # what could not be read
-
-
-class Conclusions(NamedTuple):
-    """Findings, statistics and warnings of some trials."""
-
-    refusal: str  # why the paper's statements are not tested; "": they are
-    found: tuple[Finding, ...]
-    sentences: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
-def conclude(
-    trials: Trials, controllers: Mapping[int, Preset], timeouts: bool = False, simulated: bool = False,
-    own: Sequence[Metric] = (),
-) -> Conclusions:  # fmt: skip
-    """Findings and statistics of these trials; of codes nothing is compared.
-
-    timeouts: they count as well. simulated: operators, not people, moved the handle. own: measures of the protocols'
-    own files.
-    """
-    coded = is_coded(trials)
-    refusal = why_no_findings(controllers, coded)
-    if not len(to_compare(trials, timeouts)):
-        return Conclusions("No trial is done: there is nothing to compare yet.", (), (), ())
-    if coded:
-        return Conclusions(refusal, (), (), ())
-    found = () if refusal else tuple(findings(trials, timeouts))
-    names = {number: preset.name for number, preset in controllers.items()} or CONTROLLER
-    judged = sentences([*statistics(trials, timeouts), *sensitivity(trials, timeouts=timeouts)], names, own)
-    warned = (*warnings(trials, found, simulated), *without_value(trials, own))
-    return Conclusions(refusal, found, tuple(judged), warned)
 
 
 def read_results(folder: Path) -> Results:

@@ -21,19 +21,16 @@ from screens import settle
 from sessions import closed_session
 
 from app.ipc import messages as m
-from app.window.analyse.analyse_page import FINDINGS, AnalysePage
+from app.window.analyse.analyse_page import AXES, TRIAL, AnalysePage
 from app.window.analyse.box_plot import ChartPlot
-from app.window.analyse.verdicts import Differences, as_printed
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.parts import KeyButton
 from app.window.widgets.theme import COLOURS
-from experiments.analysis.charts import ORDER, PERSON, POOLED, QUESTIONS, SPEED, charts
-from experiments.analysis.findings import FAILS
+from experiments.analysis.charts import ORDER, PERSON, POOLED, SPEED, charts
 from experiments.analysis.own_measures import metrics_in
-from experiments.analysis.report import SIMULATED
 from experiments.analysis.trials_table import TrialRow, as_rows, as_table
-from experiments.store.files import STUDY, rows_of, session_folder
+from experiments.store.files import rows_of, session_folder
 from experiments.store.session import Session
 from tests.support.rows import put_session, read_rows, with_measures
 
@@ -125,7 +122,7 @@ def test_a_chip_takes_a_participant_a_device_or_a_status_away(qtbot, data: Path)
     row = rows_of(session_folder(data, "02"))[7]
     change(data, "02", row=replace(row, status="excluded"))
     page = page_on(qtbot, data)
-    assert len(page.plots[0].points.points()) == 179 and page.statuses.chosen == {"done", "timeout"}
+    assert len(page.plots[0].points.points()) == 179 and page.statuses.chosen == {"done"}
     QTest.mouseClick(page.statuses.chips["excluded"], Qt.MouseButton.LeftButton)
     assert len(page.plots[0].points.points()) == 180 and sum(b.box.n for b in page.plots[0].chart.boxes) == 179
     QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
@@ -180,9 +177,6 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
     page = page_on(qtbot, data)
     assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
     assert page.plots[0].colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
-    page.show_page(FINDINGS)
-    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    assert "blind" in page.verdicts.shown.refusal and not page.verdicts.shown.found
 
 
 @pytest.fixture(scope="module")
@@ -237,34 +231,26 @@ def test_many_participants_are_chosen_below_one_button_that_stays_open_and_count
         assert beyond - x > 0.5 * sum(QFontMetricsF(font).horizontalAdvance(word) for word in (text, other))
 
 
-def test_the_statements_are_judged_on_what_is_shown(qtbot, data: Path) -> None:
+def test_a_trial_has_the_page_to_itself_and_gives_it_back(qtbot, two_trials: Path) -> None:
+    page = page_on(qtbot, two_trials)
+    page.show_page(TRIAL)
+    qtbot.waitUntil(lambda: page.side.trial is not None, timeout=60_000)
+    assert page.side.isVisible() and not page.charts.isVisible() and not page.axis.isVisible()
+    page.to_close()()
+    assert page.charts.isVisible() and page.tabs.value() == POOLED and page.axis.isVisible()
+
+
+def test_an_axis_is_offered_for_what_there_is_and_stays_chosen(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
-    page.show_page(FINDINGS)
-    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    by_number = {finding.statement.number: finding.verdict for finding in page.verdicts.shown.found}
-    assert len(by_number) == 11 and by_number[1] == FAILS  # "SDOF reduces path error": here it is larger than without
-    drawn = page.verdicts.findChildren(Differences)  # what decides a statement is drawn as it is said
-    for finding, picture in zip(page.verdicts.shown.found, drawn, strict=True):
-        said = [piece for piece in finding.evidence if piece.judged in finding.sentence]
-        assert picture.evidence == said and bool(said) == ("needed" in finding.sentence)
-    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    assert "Two participants" in page.verdicts.shown.warnings[0] and SIMULATED not in page.verdicts.shown.warnings
-    (data / STUDY).write_text("{}")  # as a study of simulated operators leaves it
-    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: page.verdicts.shown is not None, timeout=60_000)
-    assert SIMULATED in page.verdicts.shown.warnings
-
-
-def test_numbers_are_printed_with_the_sign_of_a_number_and_beside_their_unit() -> None:
-    assert as_printed("two-brake -3 % (-9 to 4.5 mm)") == "two-brake −3\u00a0% (−9 to 4.5\u00a0mm)"
+    assert page.axis.count() == len(AXES), "nobody was asked a questionnaire"
+    page.show_page(ORDER)
+    page.show_page(PERSON)
+    page.show_page(POOLED)
+    assert page.page == ORDER and set(page.statuses.chips) == {"done"}, "states that occur"
 
 
 def test_a_page_without_anything_says_so(qtbot, data: Path, tmp_path: Path) -> None:
     page = page_on(qtbot, data)
-    page.show_page(QUESTIONS)
-    assert "No questionnaire" in page.empty.text() and page.stack.currentWidget() is page.empty
-    assert not page.export_button.isEnabled() and not page.logarithmic.isVisible() and not page.timeouts.isVisible()
     page.begin(tmp_path / "none")
     qtbot.waitUntil(lambda: "no such folder" in page.empty.text(), timeout=60_000)
     (tmp_path / "new").mkdir()

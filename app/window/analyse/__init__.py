@@ -1,1 +1,1 @@
-"""The Analyse page: a folder's charts, verdicts and trials; every number is computed in `experiments`."""
+"""The Analyse page: a folder's charts and trials; every number is computed in `experiments`."""

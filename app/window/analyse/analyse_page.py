@@ -14,11 +14,11 @@ from app.ipc import messages as m
 from app.window.analyse.box_plot import ChartPlot, trial_of
 from app.window.analyse.chips import Chips
 from app.window.analyse.trial_view import TrialView
-from app.window.analyse.verdicts import Verdicts
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
+    Choice,
     Flow,
     OneLine,
     Segments,
@@ -53,24 +53,22 @@ from experiments.analysis.metrics import DRAWN
 from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow, Trials, as_rows
 from experiments.atomic_files import first_free, partial_name
-from experiments.export.results import Results, ResultsJob, conclude, read_results
+from experiments.export.results import Results, ResultsJob, read_results
 from experiments.plan import counted
 from experiments.store.cells import finished_cells
-from experiments.store.files import STUDY
 from experiments.store.journal import exclude_run
 from experiments.store.playback import Playback, read_playback
 
-FINDINGS = "findings"
-PAGES = {
-    POOLED: "Pooled", PERSON: "Per participant", ORDER: "Order and learning", SPEED: "Speed and error",
-    QUESTIONS: "Questionnaire", FINDINGS: "Findings",
-}  # fmt: skip
+TRIAL = "trial"
+PAGES = {POOLED: "Pooled", PERSON: "Per participant", TRIAL: "A trial"}
+AXES = {POOLED: "by controller", ORDER: "by order of trials", SPEED: "by speed"}  # of `POOLED`
+QUESTION_AXIS = {QUESTIONS: "by question"}  # where a questionnaire was answered
 SHOWN_FIRST = ("done", "timeout")  # of the statuses
 SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
 MOST_CHARTS = 4  # beside each other; three where the protocol has no measures of its own
 ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
-NO_ANSWERS = "No questionnaire was answered in these sessions. A protocol can ask one: Home, Edit."
+NO_ANSWERS = "None of the chosen participants answered a questionnaire."
 
 
 class AnalysePage(Page):
@@ -88,6 +86,9 @@ class AnalysePage(Page):
         self._excluding = BackgroundTask(self._excluded)
         self.tabs = Segments(PAGES)
         self.tabs.changed.connect(self.show_page)
+        self.axis = Choice()
+        self.axis.fill(AXES, POOLED)
+        self.axis.activated.connect(lambda _: self._show())
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.measures = Chips("Measures")  # where the protocol has some of its own
         self.timeouts, self.logarithmic = (
@@ -98,14 +99,13 @@ class AnalysePage(Page):
         self.summary, self.message = text_label("", "quiet", theme.SMALL), OneLine()
         self.summary.setContentsMargins(0, 5, 0, 5)  # as high as the chips beside it
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
-        self.empty, self.verdicts = wrapped_label("", "quiet", theme.TITLE), Verdicts()
+        self.empty = wrapped_label("", "quiet", theme.TITLE)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.legend = wrapped_label("", size=theme.SMALL)  # which controller is which, marks, what is left out
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.charts = holder(column((row(*self.plots), 1), self.legend))
-        self.stack = stack(self.charts, self.verdicts, self.empty)
+        self.stack = stack(self.charts, self.empty)
         self.side = TrialView()
-        self._concluding = BackgroundTask(self.verdicts.show_conclusions)
         self.side.exclude_asked.connect(self.exclude)
         self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
@@ -129,7 +129,7 @@ class AnalysePage(Page):
         self._show_empty("")
 
     def _lay_out(self) -> None:
-        head = row(self.tabs, 1, self.report_button, self.export_button)
+        head = row(self.tabs, self.axis, 1, self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
         foot = row(self.folder_button, self.message, self.bar, self.cancel_button)
@@ -218,13 +218,15 @@ class AnalysePage(Page):
         })  # fmt: skip
         self.devices.show_choices({name: name for name in results.configurations})
         recorded = {row.status for row in rows if row.recording}
-        statuses = [status for status in STATUSES if status in recorded or status in SHOWN_FIRST]
+        statuses = [status for status in STATUSES if status in recorded]
         self.statuses.show_choices(
             {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
         self.show_message(" ".join(results.problems), "caution")
+        axes, axis = AXES | (QUESTION_AXIS if results.answers else {}), self.axis.value()
+        self.axis.fill(axes, axis if axis in axes else POOLED)
         self._show()
         now = next((row for row in rows if trial_of(row) == trial_of(self.chosen)), None)
         if self.chosen is not None and now is not None and now.status != self.chosen.status:
@@ -254,9 +256,18 @@ class AnalysePage(Page):
         return View(devices or results.configurations, results.labels, results.lengths, *on, shown, colours)
 
     def show_page(self, page: str) -> None:
-        """One of `PAGES`."""
-        self.tabs.show_value(page)
+        """One of `PAGES`, or of the axes of the first."""
+        self.tabs.show_value(page if page in PAGES else POOLED)
+        if page != POOLED:  # whose axis stays as it was chosen
+            self.axis.show_value(page)
+        if page == TRIAL and not self.side.isVisibleTo(self):
+            self.step(1)
         self._show()
+
+    @property
+    def page(self) -> str:
+        """The page of charts that is chosen, as `charts` has it."""
+        return PERSON if self.tabs.value() == PERSON else self.axis.value()
 
     def _show(self) -> None:
         """What page, filters and switches say."""
@@ -267,12 +278,6 @@ class AnalysePage(Page):
             self._show_empty(f"Nothing is recorded in {results.folder} yet.")
         elif not len(trials):
             self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
-        elif self.tabs.value() == FINDINGS:
-            self.stack.setCurrentWidget(self.verdicts)
-            self.verdicts.show_conclusions(None)
-            simulated = (results.folder / STUDY).exists()
-            given = trials, results.controllers, self.timeouts.isChecked(), simulated, results.own
-            self._concluding.ask(conclude, *given)
         else:
             self._show_charts(results, trials)
         self._offer()
@@ -281,7 +286,7 @@ class AnalysePage(Page):
     def _show_charts(self, results: Results, trials: Trials) -> None:
         answers = [answer for answer in results.answers if answer.participant in self.people.chosen]
         view = self.view(results)
-        shown = charts(self.tabs.value(), trials, view, answers)
+        shown = charts(self.page, trials, view, answers)
         if not shown:
             self._show_empty(NO_ANSWERS)
             return
@@ -294,7 +299,7 @@ class AnalysePage(Page):
                 in_colour("●", colour_at(view.colours.get(controller))) + name for controller, name in named.items()
             )
         ]
-        left = left_out(trials, *view.timeouts_on(shown[0])) if self.tabs.value() != QUESTIONS else ""
+        left = left_out(trials, *view.timeouts_on(shown[0])) if self.page != QUESTIONS else ""
         for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
         self.legend.setText(f"<div style='line-height: 135%'>{'<br>'.join(filter(None, lines))}</div>")
@@ -317,8 +322,9 @@ class AnalysePage(Page):
         counts = [counted(people, "participant"), counted(shown, "trial")]
         self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if shown else "")
         self.tabs.setEnabled(results is not None and len(results.trials) > 0)
+        self.axis.setVisible(self.tabs.value() == POOLED)
         self.logarithmic.setVisible(page is self.charts)
-        self.timeouts.setVisible(late > 0 and page is not self.empty and self.tabs.value() != QUESTIONS)
+        self.timeouts.setVisible(late > 0 and page is not self.empty and self.page != QUESTIONS)
         for widget in (self.bar, self.cancel_button):
             widget.setVisible(busy)
         self.export_button.setEnabled(page is not self.empty and not busy)
@@ -330,7 +336,7 @@ class AnalysePage(Page):
 
     def _make_room(self) -> None:
         """The trial beside the charts, or in their place where there is no room for both."""
-        narrow = self.width() < ROOM_PX
+        narrow = self.width() < ROOM_PX or self.tabs.value() == TRIAL
         least, most = SIDE_PX
         width = self.width() if narrow else int(min(max(SIDE_SHARE * self.width(), least), most))
         self.side.setMinimumWidth(min(width, least))
@@ -363,7 +369,10 @@ class AnalysePage(Page):
         """Give the whole page to the charts again."""
         self.chosen = None
         self.side.end()
+        if self.tabs.value() == TRIAL:
+            self.tabs.show_value(POOLED)
         self._show_side(False)
+        self._offer()
 
     def step(self, by: int) -> None:
         """The next trial of those that are shown, or the one before."""
@@ -405,11 +414,9 @@ class AnalysePage(Page):
         people = set(people_of(trials))
         sessions = [session for session in results.sessions if session.parent.name.removeprefix("sub-") in people]
         answers = tuple(answer for answer in results.answers if answer.participant in people)
-        page = POOLED if self.tabs.value() == FINDINGS else self.tabs.value()
         folder = first_free(data_folder_of(results.folder), "results")  # there when all of it has been written
-        self._job = ResultsJob(
-            page, trials, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
-        )
+        given = trials, answers, self.view(results), results.note, results.folder, tuple(sessions), folder, report
+        self._job = ResultsJob(self.page, *given)
         self.export_task.begin(module="app.window.analyse.export", given=pickle.dumps(self._job))
         self.bar.setValue(0)
         self._offer()

@@ -220,6 +220,11 @@ class Choice(QComboBox):
     def value(self) -> Any:
         return self._values[self.currentIndex()]
 
+    def show_value(self, value: Any) -> None:
+        """Choose a value; one that is not among them changes nothing."""
+        if value in self._values:
+            self.setCurrentIndex(self._values.index(value))
+
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
         painter = QPainter(self)
