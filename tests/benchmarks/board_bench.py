@@ -28,7 +28,7 @@ SHOWN = {
 
 def run_board(trials: int | None, progress: Callable[[float], None]) -> list[dict]:
     """The first `trials` of a participant's plan (None: all); one entry for each."""
-    all_settings = settings(load_protocol())[:trials]
+    all_settings = settings(load_protocol(low_gain=5.0, sensing="ideal"))[:trials]
     done = []
     with process_pool(min(cores(), len(all_settings))) as pool:
         for one in pool.map(compared, all_settings):
@@ -39,7 +39,7 @@ def run_board(trials: int | None, progress: Callable[[float], None]) -> list[dic
 
 def settings(protocol: Protocol) -> list[Setting]:
     """The trials of one participant, in order."""
-    person = load_population().draw(np.random.default_rng([protocol.seed, PARTICIPANT]))
+    person = load_population("average").draw(np.random.default_rng([protocol.seed, PARTICIPANT]))
     return [
         Setting(protocol, protocol.device(planned.configuration), planned, person, (protocol.seed, planned.run))
         for planned in make_plan(protocol, str(PARTICIPANT))
