@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from core.files import InputError
-from experiments.atomic_files import PRIVATE_FILE, reason_of
+from experiments.atomic_files import PRIVATE_FILE, new_beside, reason_of, sync_folder
 
 DATABASE = "session.db"
 FORMAT = 1  # `user_version`; rises when a reader of today could no longer read the file
@@ -110,16 +110,24 @@ class Database:
 
     def _connected(self) -> sqlite3.Connection:
         if self._db is None:
-            db = sqlite3.connect(self.path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
-            db.execute(f"PRAGMA synchronous={'FULL' if self._sync else 'NORMAL'}")
+            db = self._connect()
             try:
                 db.execute("PRAGMA journal_mode=WAL").fetchall()
-                db.execute("BEGIN IMMEDIATE")
-                db.execute("ROLLBACK")
+                _try_to_write(db)
             except sqlite3.OperationalError:  # no shared memory, as on a network drive: a rollback journal
+                db.close()
+                db = self._connect("EXCLUSIVE")  # a WAL that is there can be left so, without shared memory
                 db.execute("PRAGMA journal_mode=DELETE").fetchall()
+                db.execute("PRAGMA locking_mode=NORMAL").fetchall()
+                _try_to_write(db)  # from here on others can read
             self._db = db
         return self._db
+
+    def _connect(self, locking: str = "NORMAL") -> sqlite3.Connection:
+        db = sqlite3.connect(self.path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+        db.execute(f"PRAGMA locking_mode={locking}").fetchall()
+        db.execute(f"PRAGMA synchronous={'FULL' if self._sync else 'NORMAL'}")
+        return db
 
     # ------------------------------------------------------------------------------------------------------ into memory
 
@@ -268,13 +276,14 @@ class Database:
             self._is_sealed = True
 
     def rescue(self, place: Path) -> None:
-        """Write what is in memory into a database at another place. OSError."""
-        with _as_os_error(place):
-            os.close(os.open(place, os.O_RDWR | os.O_CREAT | os.O_EXCL, PRIVATE_FILE))
-            with contextlib.closing(sqlite3.connect(place, isolation_level=None)) as db:
+        """Write what is in memory into a database at another place, whole or not at all. OSError."""
+        with _as_os_error(place), new_beside(place) as partial:
+            with contextlib.closing(sqlite3.connect(partial, isolation_level=None)) as db:
                 db.execute("PRAGMA synchronous=FULL")
                 self._is_new = True
                 self._write(db, [change for change in self._pending if change[0] != _DROP_TICKS])
+            os.rename(partial, place)
+            sync_folder(place.parent)
 
     def take_rescued(self, place: Path) -> int:
         """Take what `rescue` wrote, with the next commit; how many ticks.
@@ -301,6 +310,11 @@ class Database:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _try_to_write(db: sqlite3.Connection) -> None:
+    db.execute("BEGIN IMMEDIATE")
+    db.execute("ROLLBACK")
 
 
 def counted(db: sqlite3.Connection) -> dict[str, tuple[int, int]]:

@@ -5,6 +5,7 @@ SHA-256, the trial's row and the line of the journal, and the ticks leave the da
 ticks and outcome in the database, and closing begins again.
 """
 
+import json
 import os
 import tempfile
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from experiments.store.parquet import as_json, described, digest_of, pieces_of, 
 from experiments.store.reader import batches, column_names, pieces, read_trial
 
 RECOVERED = "recovered"
+TAKEN = "taken"  # fact about a session: the SHA-256 of what it took from another place
 
 
 def close_trial(session: Path, database: Database, number: int, sync: bool = True) -> Recording:
@@ -93,8 +95,7 @@ def repair(session: Path, database: Database, summary: JournalSummary, sync: boo
     for place in rescue_places(database.identity):
         if place.exists():
             try:
-                done.ticks_kept_elsewhere += database.take_rescued(place)
-                database.commit()
+                done.ticks_kept_elsewhere += _take_rescued(session, database, place)
                 place.unlink()
             except InputError as error:
                 done.not_repaired.append(str(error))
@@ -110,6 +111,18 @@ def repair(session: Path, database: Database, summary: JournalSummary, sync: boo
         if trial.folder == TRIALS and trial.run not in runs:
             _add_row(session, database, trial.number, summary, done)
     return done
+
+
+def _take_rescued(session: Path, database: Database, place: Path) -> int:
+    """Take what a session that ended left at another place; how many ticks. A crash may have come after that."""
+    digest = json.dumps(digest_of(place))
+    with reading(session) as stored:
+        if (TAKEN, digest) in stored.whole_rows("about", "name = ?", TAKEN):
+            return 0
+    ticks = database.take_rescued(place)
+    database.put("about", TAKEN, digest)
+    database.commit()
+    return ticks
 
 
 def _close_again(session: Path, database: Database, trial: StoredTrial, sync: bool) -> str:
