@@ -21,7 +21,7 @@ from waiting import wait_until
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.store.files import PARQUET_SUFFIX, rows_of, run_path, session_folder
+from experiments.store.files import recording_path, rows_of, session_folder
 from experiments.store.journal import journal_summary
 from experiments.store.reader import read_recording
 from experiments.store.verify import verify
@@ -114,7 +114,7 @@ class Killing:
         assert set(begun) <= set(rows), "a trial that was begun has no row"
         assert verify(self.setup.data_dir)["faults"] == []
         for run in begun:
-            kept = read_recording(run_path(self._folder, run, PARQUET_SUFFIX)) if rows[run].recording else None
+            kept = read_recording(recording_path(self._folder, run)) if rows[run].recording else None
             held = kept.rows if kept else 0
             assert kept is None or kept.whole
             assert held >= self._acknowledged.get(run, 0), f"run {run}: acknowledged rows are lost"

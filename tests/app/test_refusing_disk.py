@@ -1,0 +1,144 @@
+"""A session server that is asked to end while its disk takes nothing; disks that are read alone; other users."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from live import Window, kill, live_window
+from processes import gone
+from protocols import PAPER, changed
+from recorded_disk import RecordedDisk
+from sessions import new_session, of, run_trials
+from waiting import wait_until
+
+from app.cli import main
+from app.ipc import messages as m
+from app.ipc.messages import Setup
+from app.session_server.server import LOG
+from experiments.store.reader import read_recording
+from experiments.store.session import Session
+from experiments.store.verify import verify
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_ticks_that_are_in_memory_alone_as_the_server_is_asked_to_end_are_said_and_come_back(tmp_path, monkeypatch):
+    """The process itself, with SIGTERM: the next opening has every tick."""
+    disk = RecordedDisk(tmp_path)
+    endless = changed(PAPER.text, end_radius_m="1e-6", time_out_s="1000.0")
+    (tmp_path / "endless.toml").write_text(endless, encoding="utf-8")
+    about = {"DISK_ROOT": disk.root, "DISK_LOG": disk.log, "DISK_TOLD": disk.told, "LD_PRELOAD": disk.library}
+    for name, value in about.items():
+        monkeypatch.setenv(name, str(value))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "own"))
+    setup = Setup(disk.root / "data", str(tmp_path / "endless.toml"), hand="operator", seed=5, real_time=False)
+    with live_window(setup) as opened:
+        opened.open()
+        run = opened.start().running.run
+        opened.until_tick(lambda rows: len(rows) > 500)
+        disk.told.write_text("write session.db")
+        opened.until(lambda s: s.in_memory)
+        opened.until_tick(lambda rows: len(rows) > 1500)
+        seen, pids = len(opened.rows), opened.processes()
+        kill(opened.client.pid, signal.SIGTERM)
+        wait_until(lambda: all(map(gone, pids)))
+        (log,) = (setup.data_dir / LOG).read_text().splitlines()
+        (setup.data_dir / LOG).unlink()
+        ticks = int(re.search(r"([\d,]+) ticks", log)[1].replace(",", ""))
+        assert ticks >= seen - 1000 and str(tmp_path / "own") in log
+        disk.told.unlink()
+        resumed = _go_on(opened, setup)
+        assert f"{ticks:,} ticks that the disk had refused are in the session now" in resumed.notice
+        kept = read_recording(of(setup.data_dir) / "trials" / f"run-{run:03d}.parquet")
+        assert kept.whole and kept.rows >= seen - 1
+    assert verify(setup.data_dir)["faults"] == []
+
+
+def _go_on(opened: Window, setup: Setup) -> m.Snapshot:
+    opened.client.leave()
+    opened.join(setup)
+    opened.until_stage(m.NO_SESSION)
+    opened.client.send(m.Open("01", resume=True))
+    return opened.until_stage(m.READY)
+
+
+@pytest.fixture
+def crashed(tmp_path: Path) -> Path:
+    """A data folder with a trial and one that a kill cut off, its ticks in the write-ahead log."""
+    session = new_session(tmp_path / "made")
+    run_trials(session, 1)
+    script = (
+        "import os, sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path\n"
+        "from sessions import run; from experiments.store.session import Session\n"
+        "s = Session.resume(Path(sys.argv[1]), '01'); t, w = s.begin(s.next_planned()); run(t, w, 1500); os._exit(0)"
+    )
+    session.close()
+    command = [sys.executable, "-c", script, str(tmp_path / "made"), str(ROOT / "tests/support")]
+    subprocess.run(command, check=True, cwd=ROOT)
+    assert (of(tmp_path / "made") / "session.db-wal").stat().st_size > 0
+    return tmp_path / "made"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may mount a file system")
+def test_a_disk_that_is_read_alone_is_read_as_it_is_and_written_to_in_no_way(crashed, tmp_path, capsys):
+    place = tmp_path / "disk"
+    place.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "tmpfs", str(place)], capture_output=True).returncode:
+        pytest.skip("a file system cannot be mounted here")
+    try:
+        shutil.copytree(crashed, place / "data")
+        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+        faults = verify(place / "data")["faults"]
+        assert [fault["fault"] for fault in faults if "cut off" in fault["fault"]]
+        assert read_recording(of(place / "data") / "trials/run-002.parquet").rows >= 1000
+        assert main(["export", str(place / "data"), "--csv", str(tmp_path / "csv")]) == 0
+        capsys.readouterr()
+        assert main(["analyze", str(place / "data")]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and "read-only file system" in said
+        script = "from pathlib import Path; from experiments.store.session import Session\n"
+        script += f"Session.resume(Path({str(place / 'data')!r}), '01')"
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=False)
+        assert "ead-only file system" in done.stderr.splitlines()[-1]
+        subprocess.run(["mount", "-o", "remount,rw", str(place)], check=True)
+        Session.resume(place / "data", "01", sync=False).close()
+        assert verify(place / "data")["faults"] == []
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def given_to_another(folder: Path, open_to_all: bool) -> None:
+    """It is another user's, and this one reads it or not."""
+    if not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("setpriv") is None:
+        pytest.skip("only root can give a folder away, and take its privileges from a program")
+    for path in (folder, *folder.rglob("*")):
+        os.chown(path, 65534, 65534)
+        if open_to_all:
+            path.chmod(0o755 if path.is_dir() else 0o644)
+
+
+def as_anybody(*arguments: object) -> subprocess.CompletedProcess:
+    """A verb without root's privileges."""
+    command = ["setpriv", "--bounding-set=-all", "--inh-caps=-all", sys.executable, "-m", "app.cli"]
+    about = {"capture_output": True, "text": True, "cwd": ROOT, "check": False}
+    return subprocess.run([*command, *map(str, arguments)], **about)
+
+
+@pytest.mark.parametrize("verb", ["verify", "analyze", "export"])
+def test_another_user_reads_nothing_and_is_told_so_in_one_sentence(crashed, tmp_path, verb):
+    given_to_another(crashed, open_to_all=False)
+    done = as_anybody(verb, crashed, *(["--csv", tmp_path / "csv"] if verb == "export" else []))
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"phd: {crashed}: permission denied\n")
+
+
+def test_a_folder_that_another_user_shares_is_read_and_nobody_else_goes_on_with_it(crashed):
+    given_to_another(crashed, open_to_all=True)
+    done = as_anybody("verify", crashed)
+    assert done.returncode == 1 and "run-002.parquet: cut off" in done.stdout and done.stderr == "", done
+    done = as_anybody("analyze", crashed)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "permission denied" in done.stderr, done
