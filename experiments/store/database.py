@@ -56,6 +56,8 @@ _PUT = {
     table: f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * (len(of) + 1))})" for table, of in TABLES.items()
 }
 _DROP_TICKS = "DELETE FROM ticks WHERE trial = ?"
+#: What SQLite says where processes share no memory, as on a network drive.
+_NO_SHARED_MEMORY = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_PROTOCOL)
 _ERRNO = {
     sqlite3.SQLITE_FULL: errno.ENOSPC,
     sqlite3.SQLITE_READONLY: errno.EROFS,
@@ -110,23 +112,27 @@ class Database:
 
     def _connected(self) -> sqlite3.Connection:
         if self._db is None:
-            db = self._connect()
             try:
-                db.execute("PRAGMA journal_mode=WAL").fetchall()
-                _try_to_write(db)
-            except sqlite3.OperationalError:  # no shared memory, as on a network drive: a rollback journal
-                db.close()
-                db = self._connect("EXCLUSIVE")  # a WAL that is there can be left so, without shared memory
-                db.execute("PRAGMA journal_mode=DELETE").fetchall()
-                db.execute("PRAGMA locking_mode=NORMAL").fetchall()
-                _try_to_write(db)  # from here on others can read
-            self._db = db
+                self._db = self._connect("WAL", "NORMAL")
+            except sqlite3.OperationalError as error:
+                if error.sqlite_errorcode & 0xFF not in _NO_SHARED_MEMORY:
+                    raise
+                self._db = self._connect("DELETE", "EXCLUSIVE")  # so a WAL that is there is left without it
         return self._db
 
-    def _connect(self, locking: str = "NORMAL") -> sqlite3.Connection:
+    def _connect(self, journal: str, locking: str) -> sqlite3.Connection:
+        """journal: the write-ahead log, or a rollback journal; locking: while that is chosen."""
         db = sqlite3.connect(self.path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
-        db.execute(f"PRAGMA locking_mode={locking}").fetchall()
-        db.execute(f"PRAGMA synchronous={'FULL' if self._sync else 'NORMAL'}")
+        try:
+            db.execute(f"PRAGMA locking_mode={locking}").fetchall()
+            db.execute(f"PRAGMA synchronous={'FULL' if self._sync else 'NORMAL'}")
+            db.execute(f"PRAGMA journal_mode={journal}").fetchall()
+            db.execute("PRAGMA locking_mode=NORMAL").fetchall()
+            db.execute("BEGIN IMMEDIATE")
+            db.execute("ROLLBACK")
+        except BaseException:
+            db.close()
+            raise
         return db
 
     # ------------------------------------------------------------------------------------------------------ into memory
@@ -310,11 +316,6 @@ class Database:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _try_to_write(db: sqlite3.Connection) -> None:
-    db.execute("BEGIN IMMEDIATE")
-    db.execute("ROLLBACK")
 
 
 def counted(db: sqlite3.Connection) -> dict[str, tuple[int, int]]:
