@@ -187,11 +187,6 @@ def trials_in(stored: Stored) -> Iterator[tuple[StoredTrial, bool]]:
         yield StoredTrial(*values), whole
 
 
-def recording_path(session: Path, run: int, folder: str = TRIALS) -> Path:
-    """The place of a recording, also of one that is not closed yet."""
-    return session / folder / f"run-{run:03d}.parquet"
-
-
 def stored_trials(session: Path, folder: str = TRIALS) -> list[StoredTrial]:
     """The trials of a session that have begun, by their runs."""
     with contextlib.suppress(FileNotFoundError), reading(session) as stored:

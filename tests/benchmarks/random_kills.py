@@ -16,12 +16,13 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 import numpy as np
 from live import Window, kill
 from processes import gone
+from sessions import recording_path
 from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.store.files import recording_path, rows_of, session_folder
+from experiments.store.files import rows_of, session_folder
 from experiments.store.journal import journal_summary
 from experiments.store.reader import read_recording
 from experiments.store.verify import verify

@@ -35,6 +35,11 @@ def of(data: Path) -> Path:
     return data / "sub-01" / "ses-01"
 
 
+def recording_path(session: Path, run: int) -> Path:
+    """The recording of a trial."""
+    return session / "trials" / f"run-{run:03d}.parquet"
+
+
 def unfinished(data: Path) -> tuple[str, ...]:
     """Participants whose session can go on."""
     return tuple(sorted(one.participant for one in scan_folder(data).sessions if not one.complete))
