@@ -438,10 +438,12 @@ def refuse_format(db: sqlite3.Connection, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _connection(path: Path) -> Iterator[sqlite3.Connection]:
+def _connection(path: Path, mode: str = "ro") -> Iterator[sqlite3.Connection]:
     with contextlib.ExitStack() as stack:
         with _as_os_error(path):
-            db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
+            db = sqlite3.connect(
+                f"{path.absolute().as_uri()}?mode={mode}", uri=True, timeout=BUSY_S, isolation_level=None
+            )
             stack.enter_context(contextlib.closing(db))
             db.text_factory = lambda text: text.decode(errors="replace")  # damaged: its checksum says so
             db.execute("BEGIN")
@@ -452,15 +454,15 @@ def _connection(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextlib.contextmanager
 def _copy_of(path: Path) -> Iterator[sqlite3.Connection]:
-    """A database that a kill left open, on a disk where nothing can be written: read from a copy."""
+    """A database that a kill left open, and whose log or journal cannot be brought into it here: read from a copy."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            for file in (path, path.with_name(f"{path.name}-wal")):
+            for file in (path, *(path.with_name(f"{path.name}-{kind}") for kind in ("wal", "journal"))):
                 if file.exists():
                     shutil.copyfile(file, Path(folder) / file.name)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({reason_of(error)})") from None
-        with _connection(Path(folder) / path.name) as db:
+        with _connection(Path(folder) / path.name, "rw") as db:
             yield db
 
 
