@@ -32,7 +32,7 @@ from experiments.analysis.statistics import statistics as _statistics
 from experiments.analysis.trials_table import DICTIONARY, as_table, complete, own_columns, read_table
 from experiments.export.files import RECORDING, own_columns_described
 from experiments.protocol import load_protocol
-from experiments.simulate.scene import read_scene
+from experiments.simulate.scene import read_scene, scene_file
 from experiments.simulate.simulate import simulate
 from experiments.store.files import TABLE, pooled_rows, sessions_in
 from experiments.store.own_code import allow_code, unallowed_code
@@ -52,14 +52,15 @@ __all__ = [
 def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFrame:
     """Simulate a scene (see `phd simulate`): a row an output interval, as the verb writes them.
 
-    scene: a file, or its text (several lines), whose paths are then relative to `folder` (default: the current one).
+    scene: a shipped name ("locked-brake", "guarded", "switching"), a file, or its text (several lines), whose paths are
+    then relative to `folder` (default: the current one).
     attrs["summary"]: what the verb prints; its warnings are raised as Python's.
     """
     watch_compiling()
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary) / "motion.csv"
         text = str(scene) if "\n" in str(scene) else None
-        read = read_scene(scene) if text is None else read_scene(Path(folder or ".") / "scene", text)
+        read = read_scene(scene_file(scene)) if text is None else read_scene(Path(folder or ".") / "scene", text)
         summary = simulate(read, out)
         frame = pd.read_csv(out, keep_default_na=False, na_values={})
     for warning in summary.pop("warnings"):

@@ -9,7 +9,7 @@ from typing import Any
 
 from app.progress import watch_compiling
 from app.verbs.common import DEVICES, add_verb, devices_of, number_between, print_result, with_progress
-from experiments.simulate.scene import read_scene
+from experiments.simulate.scene import read_scene, scene_file
 
 KARNOPP = "karnopp, Eq. (6), is for comparison: its band can create energy and diverge; `event` cannot"
 #: Displays with two brakes, three, four, and four on the central axis.
@@ -23,7 +23,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "goes to a CSV file.",
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
-    option("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    option("scene", metavar="SCENE.toml", help="the scene file, or a shipped scene by its name")
     option(
         "--out",
         required=True,
@@ -75,6 +75,7 @@ def simulate_verb(args: argparse.Namespace) -> None:
     from experiments.simulate.cobot_scene import is_cobot_scene
     from experiments.simulate.simulate import simulate
 
+    args.scene = scene_file(args.scene)
     if is_cobot_scene(args.scene):
         return simulate_cobot_verb(args)
     scene = read_scene(args.scene)

@@ -1,6 +1,6 @@
 """Scenes of a cobot (`core/cobot.py`): castors steered freely, along a path or along a wall, under a given hand force.
 
-The fields of `CobotSceneFile` are its keys; docs/examples holds two such scenes, scooter.toml and scooter-wall.toml.
+The fields of `CobotSceneFile` are its keys; two such scenes are shipped, scooter and scooter-wall.
 """
 
 import math

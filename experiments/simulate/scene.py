@@ -13,13 +13,15 @@ import numpy as np
 
 from core.control.guard import NOTHING, Around, Guard, why_no_guard
 from core.device import Device, load_device
-from core.files import InputError, NotNegative, Positive, Table, choice, parse_toml, read_text
+from core.files import InputError, NotNegative, Positive, Table, choice, parse_toml, read_text, shipped_names
 from core.mechanism import JOINTS
 from core.number_table import read_number_file
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.ranges import FORCE, STEP, TORQUE, YIELD, Force, Held, Place, Speed
 from core.tick_log import TICK_S
 from core.workspace import tip_is_free
+
+SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "scenes"
 
 #: Relative. duration and output interval may miss a whole number of output intervals and steps by this much.
 WHOLE_WITHIN = 1e-9
@@ -154,6 +156,13 @@ class Scene:
         k = np.arange(first, first + count, dtype=float)
         interval, per_second = self.output_interval_s, round(1.0 / self.output_interval_s)
         return k / per_second if per_second and 1.0 / per_second == interval else k * interval
+
+
+def scene_file(name_or_path: str | Path) -> Path:
+    """The file of a scene, shipped or not; a path that is no file as it is: whoever reads it says so."""
+    if str(name_or_path) in shipped_names(SHIPPED_FOLDER):
+        return SHIPPED_FOLDER / f"{name_or_path}.toml"
+    return Path(name_or_path)
 
 
 def read_scene(path: str | Path, text: str | None = None) -> Scene:

@@ -131,7 +131,10 @@ def test_nothing_that_comes_with_the_program_is_strange():
         protocols = [*(ROOT / "experiments" / "protocols").glob("*.toml"), *(EXAMPLES / "protocols").glob("*.toml")]
         for protocol in protocols:
             load_protocol(protocol)
-        scenes = [*EXAMPLES.glob("*.toml"), *(ROOT / "experiments" / "benchmark").glob("*.toml")]
+        scenes = [
+            *(ROOT / "experiments" / "scenes").glob("*.toml"),
+            *(ROOT / "experiments" / "benchmark").glob("*.toml"),
+        ]
         for scene in scenes:
             if "initial_" in scene.read_text(encoding="utf-8"):
                 (read_cobot_scene if is_cobot_scene(scene) else read_scene)(scene)

@@ -12,7 +12,7 @@ from app.compile_kernels import compiled
 from app.progress import watch_compiling
 from core.kernels.cache import LINKING, watchers
 
-SCENE = Path(__file__).parents[2] / "docs" / "examples" / "locked-brake.toml"
+SCENE = Path(__file__).parents[2] / "experiments" / "scenes" / "locked-brake.toml"
 COUNTED = """
 import sys
 from numba.core.event import Listener, register

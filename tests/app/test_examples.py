@@ -28,11 +28,12 @@ from experiments.study.sweep import SweepFile, load_sweep
 from experiments.trial.population import PopulationFile, Spread
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+SCENES = EXAMPLES.parents[1] / "experiments" / "scenes"
 
 
 def rows_of(scene: str, folder: Path) -> dict[str, list[str]]:
     out = folder / "motion.csv"
-    assert main(["simulate", str(EXAMPLES / f"{scene}.toml"), "--out", str(out)]) == 0
+    assert main(["simulate", scene, "--out", str(out)]) == 0
     found = rows(out)
     columns = {name: [row[name] for row in found] for name in found[0]}
     times = np.array(columns["t_s"], dtype=float)
@@ -43,7 +44,7 @@ def rows_of(scene: str, folder: Path) -> dict[str, list[str]]:
 
 
 #: Tests below run the others.
-@pytest.mark.parametrize("scene", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {"locked-brake", "guarded"}))
+@pytest.mark.parametrize("scene", sorted({path.stem for path in SCENES.glob("*.toml")} - {"locked-brake", "guarded"}))
 def test_every_example_runs_to_its_end(scene, tmp_path):
     rows_of(scene, tmp_path)
 
@@ -63,9 +64,9 @@ def test_a_locked_brake_keeps_its_joint_angle_while_the_tip_moves(tmp_path):
 def test_the_guard_keeps_the_tip_from_a_wall_that_it_is_through_without(tmp_path):
     columns = rows_of("guarded", tmp_path)
     assert min(map(float, columns["obstacle_m"])) > 0.0 and set(columns["guard"]) == {"", "lock"}
-    text = (EXAMPLES / "guarded.toml").read_text(encoding="utf-8")
+    text = (SCENES / "guarded.toml").read_text(encoding="utf-8")
     (tmp_path / "free.toml").write_text(text[: text.index("\n[guard]\n") + 1], encoding="utf-8")
-    (tmp_path / "guarded-force.csv").write_bytes((EXAMPLES / "guarded-force.csv").read_bytes())
+    (tmp_path / "guarded-force.csv").write_bytes((SCENES / "guarded-force.csv").read_bytes())
     assert main(["simulate", str(tmp_path / "free.toml"), "--out", str(tmp_path / "free.csv")]) == 0
     inside = [float(row["t_s"]) for row in rows(tmp_path / "free.csv") if float(row["obstacle_m"]) < 0.0]
     assert inside[0] == pytest.approx(0.15, abs=0.01)

@@ -61,7 +61,7 @@ def test_a_stream_that_is_closed_ends_no_verb_in_a_traceback(arguments, closed, 
 @posix
 def test_with_a_closed_stdout_nothing_that_is_printed_gets_into_a_file_that_is_written(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    scene = (ROOT / "docs/examples/scooter.toml").read_text()
+    scene = (ROOT / "experiments/scenes/scooter.toml").read_text()
     (tmp_path / "scene.toml").write_text(re.sub(r"duration_s = \S+", "duration_s = 0.5", scene))
     done = phd("simulate", "scene.toml", "--out", "closed.csv", shell=">&- <&-")
     assert done.returncode == 0, done.stderr

@@ -28,7 +28,7 @@ from experiments.study.study import run_study
 from experiments.trial.population import load_population
 
 ROOT = Path(__file__).resolve().parents[2]
-LOCKED = ROOT / "docs/examples/locked-brake.toml"
+LOCKED = ROOT / "experiments/scenes/locked-brake.toml"
 
 
 @pytest.fixture(scope="module")

@@ -184,7 +184,7 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path):
         read_scene(tmp_path / "scene.toml")
 
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "experiments" / "scenes"
 PATH, WALL = ((EXAMPLES / f"{name}.toml").read_text() for name in ("scooter", "scooter-wall"))
 ONE_CASTOR = """
 name = "one castor"
