@@ -3,7 +3,7 @@
 from itertools import product
 
 import pytest
-from fake_client import LONG_BREAK, PLAN, RED, before, opened, ready, result, running
+from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, opened, ready, result, running
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from screens import Screens
@@ -157,3 +157,20 @@ def test_what_run_says_and_what_space_does_in_each_state(screens: Screens, case:
     assert screens.run.large.text() == head and line in screens.run.small.text()
     screens.run.card._since_s -= IGNORE_SPACE_S
     assert screens.press(Qt.Key.Key_Space) == sent
+
+
+def test_the_strip_opens_by_itself_once_a_trial_when_a_boards_loop_cannot_keep_up(screens: Screens) -> None:
+    late = m.Check("Loop", m.BAD, "412 ticks missed in the last 2 s", "Ticks come late: close other programs.")
+    bad = (*GREEN[:2], late, *GREEN[3:])
+    strip = screens.run.strip
+    for over in (3, 4):
+        screens.hear(opened(), running(over))
+        assert not strip.curves.isVisible() and not strip.banner.isVisible()
+        screens.hear(running(over, checks=bad))
+        assert strip.curves.isVisible() and "412 ticks missed" in strip.banner.text()
+        strip.open.setChecked(False)
+        screens.hear(running(over, checks=bad, notes=("13:02 slower",)))
+        assert strip.curves.isHidden(), "it was closed by hand"
+    amber = late._replace(state=m.CAUTION)
+    screens.hear(running(5, checks=(*GREEN[:2], amber, *GREEN[3:])))
+    assert strip.curves.isHidden(), "amber is said in the header"
