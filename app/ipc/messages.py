@@ -161,10 +161,6 @@ class SandboxSettings(NamedTuple):
         """These settings with other values of some parameters."""
         return self._replace(values={**self.values, **others})
 
-    def same_conditions(self, other: "SandboxSettings") -> bool:
-        """Whether two passes compare: only the controller and its parameters differ."""
-        return self._replace(controller=other.controller, values=other.values) == other
-
 
 class SetSandbox(NamedTuple):
     """Open Try with these settings, or change them, which acts at once, also during a pass."""
@@ -178,12 +174,6 @@ class BringBack(NamedTuple):
 
 class EndSandbox(NamedTuple):
     """Leave Try; the running pass ends and is not measured."""
-
-
-class SaveAsProtocol(NamedTuple):
-    """Write the settings of Try as a protocol file, with all the protocol's controllers."""
-
-    path: str  # of the new file; the protocol is named after it
 
 
 class Quit(NamedTuple):
@@ -268,6 +258,7 @@ class Pass(NamedTuple):
 
     number: int  # 1 ..
     settings: SandboxSettings  # at its end
+    initial: SandboxSettings  # as protocol and device have them, for its device and path
     changed: bool  # on the way
     status: str  # "done", "timeout"
     measures: "Metrics"
@@ -282,7 +273,6 @@ class SandboxState(NamedTuple):
     by_start: bool  # real brakes: a pass waits for Start, and a change for the next pass
     least_gain_N_s_m: float  # a controller of less gain does less than the brakes' own drag
     passes: tuple[Pass, ...] = ()  # the newest last
-    saved: str = ""  # the protocol file that was written last; "": none yet
 
 
 class Snapshot(NamedTuple):

@@ -44,7 +44,7 @@ CONTROL = np.dtype(
     [
         # by the window
         ("aim_count", "i8"),  # how many places of the pointer were reported; the newest is aims[(aim_count - 1) % AIMS]
-        ("aims", "f8", (AIMS, 3)),  # m, m, grip: 0 to 1; not a number: the pointer has left its workspace
+        ("aims", "f8", (AIMS, 2)),  # m; not a number: the pointer has left its workspace
         ("brakes_off", "i8"),  # 1: no currents until the session server allows them again
         ("why_off", "u1", (TEXT,)),  # its cause, UTF-8 ..
         ("off_code", "u1", (CODE,)),  # .. and the code of its fault, if it is one
@@ -118,10 +118,10 @@ class Ring:
 
     # the window
 
-    def aim(self, x: float, y: float, grip: float = 1.0) -> None:
-        """Report the place of the pointer, m. grip: the share of the hand's stiffness with which it holds."""
+    def aim(self, x: float, y: float) -> None:
+        """Report the place of the pointer, m."""
         count = int(self.control.aim_count)
-        self.control.aims[count % AIMS] = x, y, grip
+        self.control.aims[count % AIMS] = x, y
         self.control.aim_count = count + 1
 
     def let_go(self) -> None:

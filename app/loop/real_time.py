@@ -69,15 +69,6 @@ def take_aim(control, grip, tip, phase, force_max):
 
 
 @kernel
-def grip_share(control):
-    """The share of the hand's stiffness with which the pointer holds the handle: a pen's pressure, of a mouse 1."""
-    count = control.aim_count
-    if control.taken == 0 or count == 0:
-        return 1.0
-    return control.aims[(count - 1) % AIMS, 2]
-
-
-@kernel
 def go_home(home, grip):
     """Move the target of the spring a tick's way towards home (m), in a straight line."""
     way_x, way_y = home[0] - grip.target[0], home[1] - grip.target[1]
@@ -137,7 +128,6 @@ def run_trial(controls, ring, row, timer, trial):
     """
     control, run, grip, body = controls[0], trial.run[0], trial.data.hand.grips[0], trial.data.body[0]
     force_max = grip.force_max
-    k_xx, k_xy, k_yy = grip.stiffness[0], grip.stiffness[1], grip.stiffness[2]
     control.begun = deadline = now_ns(timer)
     while run.finished == 0 and control.stop != HAND_BACK:
         late, deadline = due(control, deadline, timer)
@@ -145,8 +135,6 @@ def run_trial(controls, ring, row, timer, trial):
         if run.simulated_hand == 0:
             take_aim(control, grip, body.tip, run.phase, force_max)
             run.held = 1 if control.push_count != 0 else control.taken
-            share = grip_share(control)
-            grip.stiffness[0], grip.stiffness[1], grip.stiffness[2] = share * k_xx, share * k_xy, share * k_yy
         run_ticks(trial, row)
         row[0, LATENESS_US] = 1e-3 * late
         put(controls, ring, row[0])
@@ -154,8 +142,6 @@ def run_trial(controls, ring, row, timer, trial):
         control.worked += worked
         control.worked_most = max(control.worked_most, worked)
     grip.force_max = force_max
-    if run.simulated_hand == 0:
-        grip.stiffness[0], grip.stiffness[1], grip.stiffness[2] = k_xx, k_xy, k_yy
 
 
 @native

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.ipc import messages as m
@@ -218,7 +217,6 @@ COMMANDS = {
     m.SetSandbox: CommandRule(_set_sandbox, session=False),
     m.BringBack: CommandRule(lambda state, _: state.sandbox.bring_back(), session=False),
     m.EndSandbox: CommandRule(lambda state, _: state.sandbox.leave(), session=False),
-    m.SaveAsProtocol: CommandRule(lambda state, command: state.sandbox.save(Path(command.path)), session=False),
     m.Start: CommandRule(_start, (m.READY, m.NO_SESSION), session=False, stored=True, waits="the trial is opened"),
     m.Abort: CommandRule(_abort, session=False),
     m.Redo: CommandRule(_redo, IDLE, stored=True, waits="the journal is written"),

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
@@ -40,7 +39,6 @@ from experiments.assumptions import SENSINGS, Assumptions
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.plan import PlannedTrial
 from experiments.protocol import Protocol, middle_of
-from experiments.protocol_writer import Variant, save_variant
 from experiments.recording import recording_of
 from experiments.trial.encoder_sensing import decision_noise, new_sensing, sensed
 from experiments.trial.real_trial import RealTrial
@@ -95,7 +93,6 @@ class Sandbox:
         self._passes_begun = self._passes_ended = 0
         self._least_gain = 0.0  # N s/m; a controller with less does less than the brakes' own drag
         self._passes: list[Pass] = []
-        self._saved_as = ""
         self.failure: BaseException | None = None  # of the preparation
         self.prepared, self.loop_ready = self.real, threading.Event()  # the loop needs the processors more
         threading.Thread(target=self._prepare, name="preparation", daemon=True).start()
@@ -178,22 +175,6 @@ class Sandbox:
             self._running.given_up = True
             self._running.run.hand_back()
 
-    def save(self, path: Path) -> None:
-        """Save the settings as a protocol file with all the protocol's controllers. InputError: nothing was written."""
-        p, s = self._protocol, self.settings
-        device = p.device(s.device)
-        chosen, mouse = {**p.controllers, s.controller: self._preset(s)}, p.mouse
-        if s.spring_N_m != mouse.stiffness_N_m:
-            mouse = replace(mouse, stiffness_N_m=s.spring_N_m, damping_N_s_m=self._damping())
-        backlash = None if self._own_backlash() else s.backlash_deg
-        blend_width = None if s.blend_width_m == self._own_blend_width(s.path) else s.blend_width_m
-        variant = Variant(
-            device, s.path, chosen, s.rules, mouse, s.brake_strength, backlash, s.sensing, blend_width,
-        )  # fmt: skip
-        save_variant(path, p, variant)
-        self._saved_as = str(path)
-        self._notify(f"Saved as {path}.", False)
-
     def leave(self) -> None:
         """Leave Try and end the running pass."""
         self.on = self._start_requested = False
@@ -219,7 +200,7 @@ class Sandbox:
             return None
         initial = self._initial(self.settings.device, self.settings.path)
         passes = tuple(self._passes)
-        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, passes, self._saved_as)
+        return SandboxState(self.settings, initial, self.fixed, self.real, self._least_gain, passes)
 
     @property
     def wants_pass(self) -> bool:
@@ -288,7 +269,8 @@ class Sandbox:
             self._notify(with_advice("This pass", reason), True)
             return
         self._passes_ended += 1
-        finished_pass = Pass(self._passes_ended, running.settings, running.changed, status, {})
+        s = running.settings
+        finished_pass = Pass(self._passes_ended, s, self._initial(s.device, s.path), running.changed, status, {})
         self._being_measured.append((finished_pass, self._measurer.submit(measures_of_pass, running.pieces, run.trial)))
 
     def _add_pass(self, finished_pass: Pass, measured: "Future[Metrics]") -> None:

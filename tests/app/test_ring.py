@@ -179,21 +179,6 @@ def test_after_a_trial_that_was_let_go_the_spring_is_what_it_was(ring: Ring) -> 
     assert running.trial.data.hand.grips["force_max"][0] == force_max
 
 
-def test_the_grip_of_a_pen_is_the_share_of_the_springs_stiffness_in_every_tick_and_ends_with_the_trial() -> None:
-    running = Running(Ring())
-    own = running.trial.data.hand.grips["stiffness"][0].copy()
-    at = running.trial.data.body[0].tip[:2]
-    for ticks, grip in ((20, 1.0), (40, 0.25), (60, 0.5)):
-        running.ring.aim(*at, grip)
-        running.until(ticks)
-    running.ring.control.stop = 1
-    running.end()
-    felt = running.ring.unrecorded_ticks()[:, tick_log.ARM_STIFFNESS : tick_log.ARM_STIFFNESS + 3]
-    shares = felt[:, 0] / own[0]
-    assert np.allclose(felt, shares[:, None] * own) and list(dict.fromkeys(shares.round(6))) == [1.0, 0.25, 0.5]
-    np.testing.assert_array_equal(running.trial.data.hand.grips["stiffness"][0], own)
-
-
 class Running:
     """A trial of the mouse that the kernel runs in a thread; the recorder's and the server's part is the test's."""
 

@@ -17,8 +17,6 @@ from app.ipc.messages import Setup
 from app.loop.real_time import HOMEWARD_M_S
 from core import tick_log
 from core.control.algorithm import LOCK_OBSTACLE
-from core.path import build_path
-from experiments.assumptions import Assumptions
 from experiments.inputs import OPERATOR
 from experiments.protocol import SHIPPED_FOLDER, load_protocol
 
@@ -325,32 +323,6 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
         change(window, **what)
         assert says in window.until(lambda s, says=says: s.notice_bad and says in s.notice).notice
         assert window.snapshot.sandbox.settings == before
-
-
-def test_what_is_tried_can_be_saved_as_a_protocol_that_can_be_run(window: LocalWindow, tmp_path: Path) -> None:
-    plain, other = tmp_path / "plain.toml", tmp_path / "other.toml"
-    change(window, path=2, rules="literal", controller=3, parameters={"gap_m": 0.008}, spring_N_m=500.0)
-    window.client.send(m.SaveAsProtocol(str(plain)))
-    assert str(plain) in window.until(lambda s: "Saved" in s.notice).notice
-    assert window.snapshot.sandbox.saved == str(plain)
-    saved = load_protocol(plain)
-    assert (saved.name, saved.rules, list(saved.paths)) == ("plain", "literal", [2])
-    assert saved.controllers == {**PAPER.controllers, 3: PAPER.controllers[3].replaced(gap_m=0.008)}
-    assert [device.text for device in saved.devices] == [PAPER.devices[0].text]
-    assert (saved.mouse.stiffness_N_m, saved.mouse.damping_N_s_m) == (500.0, 40.0)
-    window.client.send(m.SaveAsProtocol(str(plain)))
-    assert "exists already" in window.until(lambda s: s.notice_bad).notice
-    assert saved.assumptions == PAPER.assumptions
-    change(window, brake_strength=0.5, backlash_deg=1.5, blend_width_m=0.02, sensing="ideal")
-    window.client.send(m.SaveAsProtocol(str(other)))
-    window.until(lambda s: f"Saved as {other}" in s.notice)
-    assert build_path(load_protocol(other).paths[2], "path").blend_width == 0.02
-    assert load_protocol(other).assumptions == Assumptions()
-    brakes, theirs = load_protocol(other).devices[0].brakes, PAPER.devices[0].brakes
-    assert brakes.k == pytest.approx(0.5 * theirs.k)
-    assert np.degrees(brakes.play[theirs.present > 0]) == pytest.approx(1.5)
-    there = {path.name for path in tmp_path.glob("*.toml")}
-    assert there == {"plain.toml", "other.toml", "other-device.toml", "other-brake-1.toml"}
 
 
 def test_a_guide_below_the_brakes_own_drag_is_known(window: LocalWindow) -> None:

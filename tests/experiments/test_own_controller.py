@@ -19,7 +19,7 @@ from core.control.controllers import CODED, DECISIONS, Preset, make_controller, 
 from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
-from experiments.protocol_writer import Variant, protocol_text, save_protocol, save_variant
+from experiments.protocol_writer import protocol_text, save_protocol
 from experiments.store.metadata import preset_from_json, preset_to_json
 from experiments.store.reader import read_recording
 from experiments.store.session import Participant, Session
@@ -103,15 +103,6 @@ def test_another_process_finds_the_controller_at_its_own_address(file: Path, tmp
     run = [sys.executable, "-c", code, str(tmp_path / "trial")]
     there = subprocess.run(run, cwd=ROOT, check=True, capture_output=True).stdout
     assert there == run_trial(trial).tobytes()
-
-
-def test_a_saved_variant_takes_the_file_along(file: Path, tmp_path: Path):
-    protocol = load_protocol(file)
-    (other := tmp_path / "other").mkdir()
-    variant = Variant(protocol.devices[0], 1, protocol.controllers, "settled", protocol.mouse)
-    save_variant(other / "again.toml", protocol, variant)
-    again = load_protocol(other / "again.toml").controllers[1]
-    assert again.own and again.own.text == DAMPER and again.values == protocol.controllers[1].values
 
 
 def test_a_shipped_file_is_found_from_everywhere_and_one_beside_the_protocol_comes_first(tmp_path: Path):

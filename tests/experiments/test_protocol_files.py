@@ -5,7 +5,6 @@ import shutil
 import tomllib
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from exports import rows as csv_rows
@@ -19,7 +18,6 @@ from core.device import load_device
 from core.device_file import SHIPPED_FOLDER as BRAKES
 from core.files import InputError, toml_text
 from core.path import build_path, point_at
-from experiments.assumptions import DEFAULTS
 from experiments.language import ENGLISH_WORDS, FOLDER, read_language, shipped_languages
 from experiments.paper_figures.directions import HALF_TURN, force_lines
 from experiments.protocol import (
@@ -31,10 +29,8 @@ from experiments.protocol import (
     shipped_protocols,
 )
 from experiments.protocol_writer import (
-    Variant,
     protocol_text,
     save_protocol,
-    save_variant,
     whole_text,
 )
 from experiments.study.sweep import FACTORS, MEASURED, load_sweep, run_sweep
@@ -81,17 +77,6 @@ def test_the_command_line_may_choose_among_them(tmp_path, capsys):
     assert [one.name for one in load_protocol(path, devices=["other"]).devices] == ["other"]
     assert main(["run", str(path), "--device", "mine", "--print-plan"]) == 0
     assert "mine" in capsys.readouterr().out
-
-
-def test_a_variant_of_the_protocol_keeps_its_assumptions_and_applies_none_twice(tmp_path):
-    path = protocol_file(tmp_path, assumptions={"gap_reading": "full", "low_gain": 300.0, "lag_factor": 2.0})
-    protocol = load_protocol(path)
-    assert protocol.controllers[3].value("gap_m") == 0.0025
-    saved = tmp_path / "variant.toml"
-    save_variant(saved, protocol, Variant(protocol.devices[0], 1, protocol.controllers, "settled", protocol.mouse))
-    again = load_protocol(saved)
-    assert again.controllers == protocol.controllers
-    assert again.assumptions == msgspec.structs.replace(DEFAULTS, lag_factor=2.0)
 
 
 WRONG = {

@@ -43,7 +43,6 @@ class FakeClient:
         self.sent: list = []
         self.inbox: list = []
         self.aimed: list[tuple[float, float]] = []
-        self.grips: list[float] = []  # with which the handle is held there
         self.off_causes: list[str] = []
         self.rows = np.empty((0, tick_log.WIDTH))
         self.setup = m.Setup(Path("data"))
@@ -59,9 +58,8 @@ class FakeClient:
         rows, self.rows = self.rows, np.empty((0, tick_log.WIDTH))
         return rows
 
-    def aim(self, x: float, y: float, grip: float = 1.0) -> None:
+    def aim(self, x: float, y: float) -> None:
         self.aimed.append((x, y))
-        self.grips.append(grip)
 
     def let_go(self) -> None:
         self.aimed.append((math.nan, math.nan))

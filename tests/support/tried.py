@@ -21,5 +21,6 @@ def tried(settings: m.SandboxSettings = INITIAL, *passes: m.Pass, **changes) -> 
 def ended(number: int, controller: int = 2, error: float | None = 0.002, changed: bool = False, **what) -> m.Pass:
     status = what.pop("status", "done")
     settings = INITIAL._replace(controller=controller, **what)
-    measures = {"path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_weighted_rms_m_s2": 40.0}
-    return m.Pass(number, settings, changed, status, measures | {"duration_s": 2.5})
+    measures = {"path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_dft_sum": 40.0}
+    initial = INITIAL._replace(device=settings.device, path=settings.path)
+    return m.Pass(number, settings, initial, changed, status, measures | {"duration_s": 2.5})

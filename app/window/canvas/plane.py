@@ -10,17 +10,13 @@ import numpy as np
 from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
 from PySide6.QtGui import (
     QBrush,
-    QEventPoint,
     QInputDevice,
     QMouseEvent,
     QPainter,
     QPaintEvent,
     QPixmap,
-    QPointingDevice,
     QPolygonF,
     QResizeEvent,
-    QTabletEvent,
-    QTouchEvent,
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
@@ -45,11 +41,6 @@ def around(places: QPolygonF | list[QPointF], reach: float) -> QRect:
     return QPolygonF(places).boundingRect().adjusted(-edge, -edge, edge, edge).toAlignedRect()
 
 
-def grip_of(device: QPointingDevice, pressure: float) -> float:
-    """How firmly a pen or a finger that is down holds: its pressure (0 to 1), where its device measures it."""
-    return pressure if device.capabilities() & QInputDevice.Capability.Pressure else 1.0
-
-
 class Plane(QWidget):
     """Path, start, end, trail, handle, pointer and spring. A subclass adds what else it shows.
 
@@ -57,7 +48,7 @@ class Plane(QWidget):
     follows_mouse: the pointer over this widget is the hand, and drawn.
     """
 
-    pointer_moved = Signal(float, float, float)  # m, m, inside what is drawn; grip: a pen's pressure, of a mouse 1
+    pointer_moved = Signal(float, float)  # m, inside what is drawn
     pointer_left = Signal()  # the hand lets go
     painted = Signal()
 
@@ -88,10 +79,8 @@ class Plane(QWidget):
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
         self._follows_mouse = follows_mouse
         self._aimed: Point | None = None  # where the own pointer is (m), if that is not shown yet
-        self._pressed = False  # a pen or a finger is down: a mouse beside it is not the hand
         self.setMouseTracking(follows_mouse)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
-        self.setAttribute(Qt.WidgetAttribute.WA_AcceptTouchEvents)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
@@ -208,45 +197,30 @@ class Plane(QWidget):
 
     # events
 
-    def point_at(self, at: QPointF, grip: float) -> None:
-        """The hand is here (px), and holds so firmly (0 to 1)."""
+    def point_at(self, at: QPointF) -> None:
+        """The hand is here, px."""
         if not self.rect().contains(at.toPoint()):  # dragged out, with a button held down
             self._leave()
             return
         place = self.to_plane(at)
         if self._follows_mouse:
             self._aimed = place
-        self.pointer_moved.emit(*place, grip)
+        self.pointer_moved.emit(*place)
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if not self._pressed:
-            self.point_at(event.position(), 1.0)
+        self.point_at(event.position())
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        self._pressed = False  # of a pen that went away unseen
         self.mouseMoveEvent(event)
         super().mousePressEvent(event)
 
-    def event(self, event: QEvent) -> bool:
-        """A pen or a finger is the hand while it is down, where the pointer is; lifted it lets go."""
-        if isinstance(event, QTabletEvent | QTouchEvent) and self.hasMouseTracking():
-            self._hold(event.points()[0], event.pointingDevice(), event.type() == QEvent.Type.TouchCancel)
-            event.accept()  # no mouse event is made of it
-            return True
-        return super().event(event)
-
-    def _hold(self, point: QEventPoint, device: QPointingDevice, cancelled: bool) -> None:
-        pen_is_up = device.type() == QInputDevice.DeviceType.Stylus and point.pressure() <= 0.0
-        before, self._pressed = self._pressed, not (cancelled or pen_is_up or point.state() == point.State.Released)
-        if self._pressed:
-            self.setFocus()
-            self.point_at(self.mapFromGlobal(point.globalPosition()), grip_of(device, point.pressure()))
-        elif before:
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if event.deviceType() == QInputDevice.DeviceType.TouchScreen:  # a finger that is lifted is nowhere
             self._leave()
+        super().mouseReleaseEvent(event)
 
     def leaveEvent(self, event: QEvent) -> None:
-        if not self._pressed:
-            self._leave()
+        self._leave()
         super().leaveEvent(event)
 
     def _leave(self) -> None:

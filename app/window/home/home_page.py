@@ -199,9 +199,6 @@ class HomePage(Page):
         super().show_snapshot(snapshot)
         if snapshot.notice_bad or snapshot.stage == m.FAILED:
             self._opening = ""
-        if snapshot.sandbox is not None and snapshot.sandbox.saved not in ("", *self._recent.paths):
-            self._recent.add(snapshot.sandbox.saved)  # a protocol that was saved in Try can be chosen here
-            self._choose()
         if self._consent_asked and not self.participant_answers:
             self._ask_consent()  # their screen is gone
         self._refresh()

@@ -92,9 +92,9 @@ class ParticipantView(Plane):
         self.sizes = Sizes(*(share * size for size in FROM_AFAR))
         super().fit()
 
-    def point_at(self, at: QPointF, grip: float) -> None:
+    def point_at(self, at: QPointF) -> None:
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of
-            super().point_at(at, grip)
+            super().point_at(at)
 
     def paint_under_path(self, painter: QPainter) -> None:
         if self._device is None:

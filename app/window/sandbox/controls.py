@@ -1,4 +1,4 @@
-"""Everything that can be set on Try: the controllers by what they feel like, choices, dials, and the way back."""
+"""What can be set on Try: controllers, device, path and their parameters; behind *More* everything else."""
 
 import math
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWidget
 
 from app.ipc import messages as m
-from app.window.sandbox.dials import DialRow, dials_of
+from app.window.sandbox.dials import DIALS, DialRow, dials_of
 from app.window.widgets import theme
 from app.window.widgets.fields import Field
 from app.window.widgets.keys import add_key
@@ -17,10 +17,11 @@ from app.window.widgets.parts import (
     NO_FOCUS,
     PART,
     OneLine,
-    Panel,
     Part,
     Segments,
     button,
+    column,
+    holder,
     panel,
     row,
     text_label,
@@ -33,7 +34,7 @@ from experiments.assumptions import SENSINGS
 from experiments.plan import grouped
 from experiments.protocol import Protocol
 
-RIGHT_PX, NAME_PX, VALUE_PX = 390, 112, 92  # wide
+RIGHT_PX, NAME_PX, VALUE_PX, GUIDE_PX = 340, 84, 98, 50  # wide; high
 #: setting -> what it is
 HINTS = {
     "rules": "How the controller decides. Literal: the paper's rules to the letter, which can hold you fast at rest. "
@@ -48,6 +49,7 @@ HINTS = {
     "backlash_deg": "So far a joint turns freely before its brake grips.",
 }
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
+MORE, LESS = "More  ›", "Less  ˄"
 
 
 def preset_of(s: m.SandboxSettings, controllers: Mapping[int, Preset]) -> Preset:
@@ -55,30 +57,22 @@ def preset_of(s: m.SandboxSettings, controllers: Mapping[int, Preset]) -> Preset
     return controllers[s.controller].replaced(**s.values)
 
 
-def brakes_of(device: str) -> str:
-    """A device's name as it stands on a button."""
-    return device.replace("-brake", " brakes").capitalize()
-
-
 class GuideButton(QPushButton):
-    """A controller: what it feels like, its name, its key."""
+    """A controller: its name, its key, and below them what it feels like."""
 
     def __init__(self, name: str, colour: str, key: str) -> None:
-        super().__init__(objectName="key", checkable=True, accessibleName=name, minimumHeight=30, focusPolicy=NO_FOCUS)
-        self.key, self.feel, bar = key, text_label("", bold=True), QFrame()
-        bar.setFixedWidth(5)
+        super().__init__(objectName="key", checkable=True, accessibleName=name, focusPolicy=NO_FOCUS)
+        self.setMinimumHeight(GUIDE_PX)
+        self.key, bar, title = key, QFrame(), OneLine(name, "", theme.NORMAL, bold=True)
+        bar.setFixedWidth(6)
         bar.setStyleSheet(f"background: {colour}")
-        self._name, self._beside = name, OneLine("", "quiet", theme.NORMAL)
-        self.setLayout(row(bar, self.feel, self._beside, text_label(key, "quiet"), margins=(6, 0, 12, 0)))
+        self.feel = OneLine("", "quiet", theme.SMALL)
+        words = (column(1, title, self.feel, 1, spacing=0), 1)
+        self.setLayout(row(bar, words, text_label(key, "quiet"), margins=(1, 1, 12, 1)))
         for part in self.findChildren(QWidget):
             part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         if key:
             add_key(key, self, self.click)
-
-    def show_feel(self, feel: str) -> None:
-        """What it feels like, and beside that its name, unless it is the same."""
-        self.feel.setText(feel)
-        self._beside.setText("" if feel == self._name else self._name)
 
 
 class Controls(QScrollArea):
@@ -101,45 +95,49 @@ class Controls(QScrollArea):
         """The controllers, devices and paths of another protocol, and the dials."""
         self.guides, self.dials, self.segments, self.settings = {}, {}, {}, None
         self._controllers = protocol.controllers
-        parts: list[Part] = []  # from top to bottom
         for place, (number, preset) in enumerate(protocol.controllers.items(), start=1):
             colour = theme.colour_of(number, protocol.controllers)
             guide = self.guides[number] = GuideButton(preset.name, colour, str(place) if place < 10 else "")
-            guide.show_feel(feel(preset, protocol.controllers))
             guide.clicked.connect(partial(self._choose, number))
-            parts.append(guide)
-        parts.append(Panel("line"))
-        choices: dict[str, dict] = {
-            "device": {device.name: brakes_of(device.name) for device in protocol.devices},
-            "path": {number: f"Path {number}" for number in protocol.paths},
-            "rules": {name: name.capitalize() for name in RULE_SETS},
-            "sensing": {name: name.capitalize() for name in SENSINGS},
-        }
-        for field, among in choices.items():
-            name, segments = text_label(field.capitalize()), Segments(among, field.capitalize())
-            segments.changed.connect(partial(self._turn, field))
-            segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-            for one in (name, segments):
-                one.setToolTip(HINTS.get(field, ""))
-            parts.append(row(name, segments))
-            name.setFixedWidth(NAME_PX)
-            self.segments[field] = segments
-        parts.append(Panel("line"))
+        devices = {device.name: device.name for device in protocol.devices}
+        chosen = [self._segments("device", devices), self._segments("path", {n: str(n) for n in protocol.paths})]
+        rare: list[Part] = [self._segments(name, {one: one.capitalize() for one in among})
+                            for name, among in (("rules", RULE_SETS), ("sensing", SENSINGS))]  # fmt: skip
+        own: list[Part] = []
         for dial in dials_of(protocol):
             dial_row = self.dials[dial.name] = DialRow(dial)
             dial_row.name.setFixedWidth(NAME_PX)
             dial_row.value.setFixedWidth(VALUE_PX)
             dial_row.setToolTip(HINTS.get(dial.name, ""))
             dial_row.changed.connect(partial(self._turn, dial.name))
-            parts.append(dial_row)
+            (rare if dial in DIALS else own).append(dial_row)
         self.warning = wrapped_label("", "caution")
-        self.changes = OneLine("", "quiet", theme.NORMAL)
-        hint = "All of these as the protocol has them, for this guidance, device and path"
+        self.changes = OneLine("", "quiet", theme.SMALL)
+        hint = "All of these as the protocol has them, for this controller, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
-        foot = row(self.changes, self.reset)
-        self.setWidget(panel("How should it guide you?", *parts, self.warning, 1, foot, spacing=3))
+        self.more, self.rare = button(MORE, self._turn_more, "link"), holder(column(*rare, spacing=6))
+        self.rare.hide()
+        foot = row(self.more, self.changes, self.reset)
+        guides = column(*self.guides.values(), spacing=5)
+        parts = (*chosen, *own, self.warning, self.rare, 1, foot)
+        self.setWidget(panel("Controller", guides, holder(column(spacing=4)), *parts, spacing=6))
+
+    def _segments(self, field: str, among: Mapping[Any, str]) -> Part:
+        name, segments = text_label(field.capitalize(), "quiet"), Segments(among, field.capitalize())
+        segments.changed.connect(partial(self._turn, field))
+        segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        for part in (name, segments):
+            part.setToolTip(HINTS.get(field, ""))
+        name.setFixedWidth(NAME_PX)
+        self.segments[field] = segments
+        return row(name, segments)
 
     # what is set
+
+    def _turn_more(self) -> None:
+        """Show what is rarely set, or hide it."""
+        self.rare.setVisible(self.rare.isHidden())
+        self.more.setText(MORE if self.rare.isHidden() else LESS)
 
     def _choose(self, number: int, _clicked: bool = False) -> None:
         """A controller, with the parameters that the protocol gives it."""
@@ -162,7 +160,7 @@ class Controls(QScrollArea):
             self.changed.emit()
 
     def _of_protocol(self, s: m.SandboxSettings, now: m.SandboxState) -> m.SandboxSettings:
-        """The settings as the protocol has them, for the guidance, device and path that are chosen."""
+        """The settings as the protocol has them, for the controller, device and path that are chosen."""
         chosen = now.initial._replace(device=s.device, path=s.path, controller=s.controller)
         return chosen.with_parameters(**self._controllers[s.controller].named)
 
@@ -177,7 +175,7 @@ class Controls(QScrollArea):
         for number, guide in self.guides.items():
             guide.setChecked(number == s.controller)
             preset = preset_of(s, self._controllers) if number == s.controller else self._controllers[number]
-            guide.show_feel(feel(preset, self._controllers))
+            guide.feel.setText(feel(preset, self._controllers))
         for field, segments in self.segments.items():
             segments.show_value(getattr(s, field))
             segments.setEnabled(field not in now.fixed)
@@ -188,6 +186,7 @@ class Controls(QScrollArea):
         weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
         drag = f"At {grouped(own.get(GAIN, 0.0))} N s/m the brakes' own drag is larger: you will feel nothing."
         self.warning.setText(drag if weak else REAL if now.by_start else "")
+        self.warning.setVisible(bool(self.warning.text()))
         first = self._of_protocol(s, now)
         changed = [field for field in ("rules", "sensing") if getattr(s, field) != getattr(first, field)]
         changed += [

@@ -1,110 +1,145 @@
-"""The passes of Try in a table: bars compare those that were run under the same conditions."""
+"""The passes of Try in one table: a row a setting, the devices side by side, the newest on top."""
 
+import math
 from collections.abc import Sequence
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRectF, Qt
-from PySide6.QtGui import QPainter, QResizeEvent
-from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem, QTableWidget, QTableWidgetItem
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtWidgets import QHeaderView, QTableWidget, QTableWidgetItem
 
 from app.ipc import messages as m
-from app.window.sandbox.controls import brakes_of, preset_of
-from app.window.sandbox.dials import dials_of
+from app.window.sandbox.passes import about, rows_of
 from app.window.widgets import theme
 from app.window.widgets.parts import NO_FOCUS
-from app.window.widgets.theme import COLOURS, font, shade
-from app.window.widgets.words import feel
-from experiments.plan import grouped
+from app.window.widgets.theme import COLOURS
 from experiments.protocol import Protocol
 
+#: of a Pass: measure, head, unit, scale, digits
+MEASURES = (
+    ("path_error_m", "Path error", "mm", 1e3, 1),
+    ("mean_tip_force_N", "Mean tip force", "N", 1.0, 1),
+    ("acceleration_dft_sum", "DFT of acceleration", "m/s²", 1.0, 0),
+)
+FIXED = ("", "Controller", "Setting", "Path")
+ROWS, ROW_PX, HEAD_PX = 10, 23, 40  # that are seen; high
+#: px wide: a dot, a path's number, a measure at most, and beside a text; shares of the room: name at most, measures
+DOT_PX, PATH_PX, MOST_PX, BESIDE_PX, NAME_SHARE, MEASURED_SHARE = 20, 42, 120, 6, 0.65, 0.6
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
-class Bars(QStyledItemDelegate):
-    """A measure below its head, and a bar before it where passes compare."""
+
+class TwoLineHead(QHeaderView):
+    """A measure over its devices."""
 
     def __init__(self, table: QTableWidget) -> None:
-        super().__init__(table)
-        self._table = table
+        super().__init__(Qt.Orientation.Horizontal, table)
+        self.devices: tuple[str, ...] = ()
+        self.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.setMinimumSectionSize(10)
+        self.setStyleSheet("QHeaderView { padding: 0; }")  # level with the cells
 
-    def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> None:
-        share, colour = index.data(Qt.ItemDataRole.UserRole) or (None, "")
-        box = QRectF(self._table.visualRect(index)).adjusted(20.0, 0.0, -3.0, 0.0)
-        number_px = max(48, theme.text_width(index.data(), theme.NORMAL))
-        number = QRectF(box.right() - number_px, box.top(), number_px, box.height())
-        painter.setFont(font(theme.NORMAL))
-        painter.setPen(shade(COLOURS.text if share is not None else COLOURS.quiet))
-        painter.drawText(number, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, index.data())
-        if share is not None and box.width() > 80.0:
-            longest = box.width() - number.width() - 10.0
-            for width, ground in ((longest, COLOURS.line), (share * longest, colour)):
-                painter.fillRect(QRectF(box.left(), box.center().y() - 3.0, width, 7.0), shade(ground))
+    def sizeHint(self) -> QSize:
+        return QSize(0, HEAD_PX)
 
+    @property
+    def needed_px(self) -> int:
+        """How wide a column of a measure is with its heads."""
+        names = [theme.text_width(device, theme.SMALL) for device in self.devices]
+        heads = [
+            theme.text_width(head, theme.SMALL, bold=True) + theme.text_width(f" {unit}", theme.SMALL)
+            for _, head, unit, _, _ in MEASURES
+        ]
+        return math.ceil(max([*names, *(head / max(len(names), 1) for head in heads)])) + BESIDE_PX
 
-#: of a Pass: measure, head, scale, digits
-MEASURES = (
-    ("path_error_m", "Error mm", 1e3, 2),
-    ("mean_tip_force_N", "Force N", 1.0, 1),
-    ("acceleration_weighted_rms_m_s2", "Accel. rms m/s²", 1.0, 1),
-    ("duration_s", "Time s", 1.0, 1),
-)
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter, half, wide = QPainter(self.viewport()), 0.5 * HEAD_PX, len(self.devices)
+        for across in range(self.count()):
+            text = FIXED[across] if across < len(FIXED) else self.devices[(across - len(FIXED)) % wide]
+            box = QRectF(self.sectionViewportPosition(across) + 3, half, self.sectionSize(across) - 6, half)
+            painter.setPen(theme.shade(COLOURS.quiet))
+            painter.setFont(theme.font(theme.SMALL))
+            shown = painter.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, math.ceil(box.width()))
+            painter.drawText(box, RIGHT if across >= len(FIXED) - 1 else LEFT, shown)
+        for place, (_, head, unit, _, _) in enumerate(MEASURES if wide else ()):
+            last = len(FIXED) + (place + 1) * wide - 1
+            box = QRectF(0.0, 0.0, self.sectionViewportPosition(last) + self.sectionSize(last) - 3, half)
+            painter.setFont(theme.font(theme.SMALL))
+            painter.setPen(theme.shade(COLOURS.quiet))
+            painter.drawText(box, RIGHT, unit)
+            painter.setPen(theme.shade(COLOURS.text))
+            painter.setFont(theme.font(theme.SMALL, bold=True))
+            painter.drawText(box.adjusted(0, 0, -theme.text_width(f"{unit} ", theme.SMALL), 0), RIGHT, head)
 
 
 class PassTable(QTableWidget):
-    """The passes, the newest first; bars compare those of the newest one's path, device, hand and brakes alone."""
+    """A row a setting: its newest pass on each device, measure by measure."""
 
     def __init__(self) -> None:
-        super().__init__(0, 3 + len(MEASURES))
-        self.setHorizontalHeaderLabels(["Pass", "Guidance", "Device", *(head for _, head, _, _ in MEASURES)])
+        super().__init__(0, len(FIXED))
+        self._name_px = 0.0  # wide, the longest name of a controller
+        self.head = TwoLineHead(self)
+        self.setHorizontalHeader(self.head)
         self.verticalHeader().hide()
+        self.verticalHeader().setMinimumSectionSize(ROW_PX)
+        self.verticalHeader().setDefaultSectionSize(ROW_PX)
         self.setShowGrid(False)
         self.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
         self.setFocusPolicy(NO_FOCUS)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        head = self.horizontalHeader()
-        head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft)
-        head.setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        head.setSectionsClickable(False)
-        head.setStyleSheet("QHeaderView { padding: 0; } QHeaderView::section { padding: 2px 3px; }")  # level with cells
-        head.setMinimumSectionSize(40)
-        head.hide()  # until there is a pass
-        for across in (0, 1, 2, 6):
-            head.setSectionResizeMode(across, QHeaderView.ResizeMode.ResizeToContents)
-        bars = Bars(self)
-        for across in range(3, 3 + len(MEASURES)):
-            self.setItemDelegateForColumn(across, bars)
-            right, role = Qt.AlignmentFlag.AlignRight, Qt.ItemDataRole.TextAlignmentRole
-            self.model().setHeaderData(across, Qt.Orientation.Horizontal, right, role)
-        self.verticalHeader().setDefaultSectionSize(22)
+        self.setMinimumHeight(HEAD_PX + ROWS * ROW_PX)
+        self.setFont(theme.font(theme.NORMAL))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        self.setColumnHidden(2, self.width() < 640)
         super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Columns of measures are as wide as their heads where there is room; name and setting share the rest."""
+        measured = max(self.columnCount() - len(FIXED), 1)
+        room = self.viewport().width() - DOT_PX - PATH_PX
+        each = int(min(max(self.head.needed_px, MEASURED_SHARE * room / measured), MOST_PX, 0.7 * room / measured))
+        left = room - each * measured
+        name = int(min(self._name_px, NAME_SHARE * left))
+        widths = [DOT_PX, name, left - name, PATH_PX, *measured * [each]]
+        for across, width in enumerate(widths[: self.columnCount()]):
+            self.setColumnWidth(across, width)
 
     def show_passes(self, passes: Sequence[m.Pass], protocol: Protocol) -> None:
         """Show these passes, the newest last."""
-        whole = [ended for ended in passes if ended.status == "done" and not ended.changed]
-        alike = [ended for ended in whole if ended.settings.same_conditions(passes[-1].settings)]
-        dials, controllers = dials_of(protocol), protocol.controllers
-        self.setRowCount(len(passes))
-        self.horizontalHeader().setVisible(bool(passes))
-        for line, ended in enumerate(reversed(passes)):
-            s, preset = ended.settings, preset_of(ended.settings, controllers)
-            colour = theme.colour_of(s.controller, controllers)
-            noted = " · changed" if ended.changed else " · time-out" if ended.status == "timeout" else ""
-            set_to = (f"{dial.label.lower()} {grouped(dial.setting(s) * dial.scale)} {dial.unit}" for dial in dials)
-            about = f"{preset.name}; path {s.path}, {s.rules} rules, {s.sensing} sensing, {', '.join(set_to)}"
-            texts = [str(ended.number), feel(preset, controllers) + noted, brakes_of(s.device)]
-            for across, text in enumerate(texts):
+        tried = dict.fromkeys(ended.settings.device for ended in passes)
+        names = tuple(device.name for device in protocol.devices)
+        devices = names if len(names) <= 2 else tuple(name for name in names if name in tried) or names[:1]
+        self.head.devices = devices
+        self.setColumnCount(len(FIXED) + len(MEASURES) * len(devices))
+        names_px = (theme.text_width(preset.name, theme.NORMAL) for preset in protocol.controllers.values())
+        self._name_px = max(names_px) + 3 * BESIDE_PX
+        rows = rows_of(passes, protocol)
+        self.setRowCount(len(rows))
+        for down, row in enumerate(rows):
+            texts = ["●", row.name, row.setting, str(row.path)]
+            cells = [
+                (shown(row.passes.get(device), *measure), row.passes.get(device))
+                for measure in MEASURES
+                for device in devices
+            ]
+            newest = max(row.passes.values(), key=lambda ended: ended.number)
+            for across, (text, ended) in enumerate([*((text, newest) for text in texts), *cells]):
                 item = QTableWidgetItem(text)
-                item.setToolTip(about)
-                if across == 1:
-                    item.setData(Qt.ItemDataRole.DecorationRole, shade(colour))
-                self.setItem(line, across, item)
-            for across, (field, _, scale, digits) in enumerate(MEASURES, start=3):
-                value = ended.measures[field]
-                most = max((other.measures[field] or 0.0 for other in alike), default=0.0)
-                item = QTableWidgetItem("–" if value is None else f"{scale * value:.{digits}f}")
-                if ended in alike and value is not None and most > 0.0 and field != "duration_s":
-                    item.setData(Qt.ItemDataRole.UserRole, (value / most, colour))
-                self.setItem(line, across, item)
+                item.setToolTip(about(ended, protocol) if ended is not None else "Not tried yet")
+                if across >= len(FIXED) - 1:
+                    item.setTextAlignment(RIGHT)
+                if across == 0:
+                    item.setForeground(QColor(theme.colour_of(row.controller, protocol.controllers)))
+                elif across in (2, 3) or ended is None:
+                    item.setForeground(QColor(COLOURS.quiet))
+                if down == 0:  # the newest pass
+                    item.setBackground(QColor(COLOURS.field))
+                self.setItem(down, across, item)
+        self._fit()
+
+
+def shown(ended: m.Pass | None, measure: str, _head: str, _unit: str, scale: float, digits: int) -> str:
+    """A measure of a pass; a dash: not tried yet, or not known."""
+    value = ended.measures[measure] if ended is not None else None
+    return "–" if value is None else f"{scale * value:.{digits}f}"

@@ -20,18 +20,16 @@ LAYERS = {
     GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
-HEAD_PX, FOOT_PX = 70.0, 26.0  # high, what the page writes there
+HEAD_PX, FOOT_PX = 70.0, 22.0  # high, what the page writes there
 
 
 class PassView(ForceView):
     """The path, the gap around it, the handle, the hand's spring, both forces; the whole linkage in a corner."""
 
-    inset_at_top = True
-
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
         super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
-        self.shown = set(LAYERS)
+        self.shown = {TRAIL, FORCES, GAP}
         self.gap_m = 0.0
         self.fit()
 
@@ -60,7 +58,8 @@ class PassView(ForceView):
             painter.setBrush(shade(COLOURS.caution, 0.10))
             painter.drawPath(stroker.createStroke(way).simplified())
         if self.path is not None:
-            right, low = self.width() - 20.0, self.height() - 14.0
+            right = (self.width() if self.inset.isHidden() else self.inset.x()) - 20.0
+            low = self.height() - 14.0
             painter.setPen(pen(COLOURS.quiet, 1.5))
             painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
             write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, COLOURS.quiet)

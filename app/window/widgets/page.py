@@ -19,7 +19,7 @@ class Page(QWidget):
 
     page_asked = Signal(str, object)  # show this page (HOME ..) with this: a folder or a recording for ANALYSE ..
     folder_asked = Signal(object)  # show this folder (a Path) in the system's own file manager
-    pointer_moved = Signal(float, float, float)  # m, m, grip: over a workspace in which the pointer is the hand
+    pointer_moved = Signal(float, float)  # m, over a workspace in which the pointer is the hand
     setup_asked = Signal(object, object)  # for a new session server: a Setup, None: the same; a command then, or None
     turn_asked = Signal()  # the next page of the instructions, which the participant reads
     consent_asked = Signal(object)  # a Consent that the participant is to answer on their own screen; None: no longer

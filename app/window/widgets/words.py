@@ -233,10 +233,10 @@ def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
     gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
     gains = [preset.value(GAIN) for preset in controllers.values() if preset.kind == "proportional"]
     if preset.kind == "none":
-        return "Free"
+        return "the handle moves freely"
     if preset.kind == "sdof":
-        return f"Rails with {gap:g} mm slack" if gap else "On rails"
+        return f"rails with {gap:g} mm of slack" if gap else "as on rails"
     if preset.kind == "proportional":
-        name = "Strong guide" if gain >= max(gains) else "Weak guide" if gain <= min(gains) else "Guide"
-        return f"{name} with {gap:g} mm slack" if gap else name
-    return preset.name
+        name = "a strong guide" if gain >= max(gains) else "a weak guide" if gain <= min(gains) else "a guide"
+        return f"{name} with {gap:g} mm of slack" if gap else name
+    return preset.words
