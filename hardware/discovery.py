@@ -17,6 +17,8 @@ from hardware.serial_device import Connection
 from hardware.serial_port import NO_PORT, Port, is_missing, listed_ports, usb_ports
 from hardware.wire.messages import Hello, State, joints_of
 
+MAX_LOOKS = 4  # at a port where nothing answers. Our choice: a board may take some seconds to start
+
 
 class SerialPort(NamedTuple):
     """A serial port that the system lists."""
@@ -42,6 +44,7 @@ class BoardFound(NamedTuple):
     state: str = ""
     fault: str = ""  # latched, in words
     problem: str = ""  # why none answers; "": one does
+    looks: int = 1  # that were taken at it
 
     @property
     def words(self) -> str:
@@ -95,12 +98,20 @@ def ask_board(port: str) -> BoardFound:
 def scan_ports(before: Sequence[BoardFound] = (), in_use: str = "") -> tuple[BoardFound, ...]:
     """Every serial port on USB and every emulated board, with what answers.
 
-    before: an earlier result; no port is asked twice, for some devices restart when their port is opened.
+    before: an earlier result. A port that did not answer is asked again, for a board may still be starting, and no port
+    for ever: some devices restart when theirs is opened.
     in_use: a port that this program uses, which is not asked.
     """
     known = {found.port: found for found in before}
-    ports = [*usb_ports(), *emulated_ports()]
-    return tuple(known.get(port) or _found(port) for port in ports if port != in_use)
+    return tuple(_look(port, known.get(port)) for port in (*usb_ports(), *emulated_ports()) if port != in_use)
+
+
+def _look(port: str, known: BoardFound | None) -> BoardFound:
+    if known is None:
+        return _found(port)
+    if not known.problem or known.looks >= MAX_LOOKS:
+        return known
+    return _found(port)._replace(looks=known.looks + 1)
 
 
 def _found(port: str) -> BoardFound:

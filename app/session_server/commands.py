@@ -12,7 +12,7 @@ from app.session_server.state import ServerState
 from app.session_server.steps import STEPS, due_step, ended_by
 from core.files import InputError
 from experiments.inputs import INPUTS
-from experiments.plan import PlannedTrial, counted
+from experiments.plan import PlannedTrial, counted, refuse_no_label
 from experiments.store.consent import ConsentAnswer
 from experiments.store.files import refuse_study
 from experiments.store.journal import NOTE, PAUSED, RESUMED_AFTER_PAUSE
@@ -57,6 +57,7 @@ def _open(state: ServerState, command: m.Open) -> None:
     if command.resume:
         session = Session.resume(setup.data_dir, name, setup.sync, on_event)
     else:
+        refuse_no_label(name)
         refuse_study(setup.data_dir)
         operator = person_at(setup, state.protocol, name)
         blind = (command.blind or None) if operator is None else False
@@ -87,9 +88,9 @@ def _open(state: ServerState, command: m.Open) -> None:
     notice.append(session.repaired.sentence())
     notice.append(ignored_features(setup, session.protocol))
     if other := other_protocol(setup.data_dir, name, session.protocol):
-        notice.append(f"Their protocol is not the one of participant {other}: file, devices or options have changed.")
+        notice.append(f"The protocol differs from that of participant {other} in file, devices or options.")
     notice.append(wrong := _wrong_hand(state, session))
-    state.notify(" ".join(filter(None, notice)), bad=bool(other or wrong))
+    state.notify(" ".join(filter(None, notice)), bad=bool(wrong))
 
 
 def _wrong_hand(state: ServerState, session: Session) -> str:

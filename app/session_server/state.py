@@ -150,11 +150,12 @@ class ServerState:
             else:
                 self.storage.write(BRAKES_ALLOWED)
 
-    def _clear_device_notice(self) -> None:
-        """Remove the notice about a device that is ready again."""
-        before, self._device_bad = self._device_bad, self.device.checks(self.why_off)[0].state == BAD
+    def _note_device_back(self) -> None:
+        """Say of a device that was lost that it is back; what it stopped, and why, can still be read."""
+        check = self.device.checks(self.why_off)[0]
+        before, self._device_bad = self._device_bad, check.state == BAD
         if before and not self._device_bad:
-            self.notify("")
+            self.notify(f"{self._notice} The device is ready again." if self._notice and self.device.real else "")
 
     def window_lost(self) -> None:
         """Leave Try and journal that the window is gone."""
@@ -172,7 +173,7 @@ class ServerState:
         run, lost = self.runner.watch()
         if isinstance(self.device, RealSetup):
             self.device.take_answers(self.runner.device_answers(), self.storage.write, self.notify)
-        self._clear_device_notice()
+        self._note_device_back()
         if self.runner.ready:
             self.sandbox.loop_ready.set()
         if lost:

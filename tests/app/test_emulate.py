@@ -8,6 +8,7 @@ import os
 import signal
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from waiting import LONG_S, wait_until
 from core.device import load_device
 from core.device_interface import DeviceError
 from core.files import InputError
-from hardware.discovery import ask_board, scan_ports
+from hardware.discovery import MAX_LOOKS, BoardFound, ask_board, scan_ports
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator, EmulatorSettings
 from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
@@ -168,6 +169,24 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
         assert (found.words, found.problem) == (f"answers, {name}", "")
         assert sample.homed and math.dist(sample.tip, before) < 3e-3
         assert ask_board(emulated.port).device == name
+
+
+def test_a_port_where_nothing_answers_yet_is_asked_again_a_few_times_and_one_that_answers_never(monkeypatch) -> None:
+    asked: list[str] = []
+
+    def ask(port: str) -> BoardFound:
+        asked.append(port)
+        late = asked.count("late") > 1
+        return BoardFound(port, problem="" if port == "board" or (port == "late" and late) else "no answer")
+
+    monkeypatch.setattr("hardware.discovery.usb_ports", lambda: ["board", "late", "mute"])
+    monkeypatch.setattr("hardware.discovery.emulated_ports", list)
+    monkeypatch.setattr("hardware.discovery.ask_board", ask)
+    found = ()
+    for _ in range(3 * MAX_LOOKS):
+        found = scan_ports(found)
+    assert [bool(one.problem) for one in found] == [False, False, True]
+    assert Counter(asked) == {"board": 1, "late": 2, "mute": MAX_LOOKS}
 
 
 def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from experiments.store.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
-SUMMARY = "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20\u00a0min"
+SUMMARY = "The experiment of the paper. 2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20\u00a0min"
 
 
 class Shown(PageDriver):
@@ -72,8 +72,55 @@ def test_a_newcomer_reads_what_the_session_is_and_starts_it_with_one_click(shown
     assert "No sessions yet" in shown.texts() and page.standing.text() == "new"
     shown.click(page.start)
     assert shown.sent == [m.Open("01")] and shown.setups == []
-    shown.click(page.tried.try_it)
-    assert shown.pages == [(TRY, None)]
+
+
+#: done trials of the sessions in the folder (the newest first), the open session -> the main button, what it does
+NEXT = {
+    "a first visit": ((), "", "Try it", lambda shown: shown.pages == [(TRY, None)]),
+    "a session was left": ((14, 60), "", "Resume session", lambda shown: shown.sent == [m.Open("01", resume=True)]),
+    "the newest is done": ((60, 14), "", "Start session   03 · 60 trials", lambda shown: shown.sent == [m.Open("03")]),
+    "a session is open": ((14,), "01", "Go to the session", lambda shown: shown.pages == [(RUN, None)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NEXT, ids=lambda case: case.replace(" ", "-"))
+def test_one_button_is_the_main_one_and_does_what_comes_next(shown: Shown, case: str) -> None:
+    (done, is_open, words, happened), page = NEXT[case], shown.page
+    for number, _ in enumerate(done, start=1):
+        (shown.setup.data_dir / f"sub-0{number}" / "ses-01").mkdir(parents=True)
+    shown.look(*(session(shown.setup.data_dir, f"0{n}", trials) for n, trials in enumerate(done, start=1)))
+    page._load()
+    shown.wait()
+    if is_open:
+        page.show_opened(opened(is_open))
+        page.show_snapshot(ready(3))
+    settle(page)
+    main = [button for button in page.findChildren(QPushButton) if button.isVisible() and button.objectName() == "main"]
+    assert [button.text() for button in main] == [words]
+    shown.click(main[0])
+    assert happened(shown)
+
+
+def test_rare_choices_are_behind_more_and_the_plan_behind_show_plan(shown: Shown) -> None:
+    page = shown.page
+    names = [page.protocol.itemText(place) for place in range(page.protocol.count())]
+    assert names == ["Paper", "A file …"] and not any(part.isVisible() for part in page.rare)
+    shown.click(page.more)
+    assert page.protocol.findText("Arena") > 0 and all(part.isVisible() for part in page.rare)
+    assert not page.plan.isVisible()
+    shown.click(page.show_plan)
+    assert page.plan.isVisible() and not page.data.isVisible()
+    shown.click(page.show_plan)
+    assert page.data.isVisible()
+
+
+def test_blanks_around_a_name_are_left_out_and_a_name_that_is_too_long_is_refused_at_its_field(shown: Shown) -> None:
+    page = shown.page
+    shown.type(page.participant, 21 * "x")
+    assert "at most 20 characters, not 21" in page.why.text() and not page.start.isEnabled()
+    shown.type(page.participant, " 07 ")
+    shown.click(page.start)
+    assert shown.sent == [m.Open("07")]
 
 
 def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Shown) -> None:
@@ -89,6 +136,7 @@ def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Sho
 
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
     page = shown.page
+    shown.click(page.more)
     page.protocol.setCurrentIndex(page.protocol.findText("Displays"))
     page.protocol.activated.emit(page.protocol.currentIndex())
     page.hand.setCurrentIndex(page.hand.findText("Simulated operator"))
@@ -96,7 +144,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     page.devices.setCurrentIndex(page.devices.findText("four-brake"))
     page.devices.activated.emit(page.devices.currentIndex())
     shown.wait()
-    assert page.summary.text().startswith("1 device × ")
+    assert "1 device × " in page.summary.text()
     assert not page.blind.isEnabled() and not page.blind.isChecked()  # there is nobody to be blind
     assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))
@@ -112,6 +160,7 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
 
 
 def test_the_list_of_protocols_begins_with_the_papers_and_says_a_sentence_of_each(shown: Shown) -> None:
+    shown.click(shown.page.more)
     choice, said = shown.page.protocol, shipped_protocols()
     assert list(said)[0] == PAPER and all(said.values())
     choice.showPopup()
@@ -226,18 +275,6 @@ def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_
         QApplication.setOrganizationName("")
 
 
-def test_a_protocol_that_was_saved_in_try_can_be_chosen_at_once(shown: Shown, tmp_path: Path) -> None:
-    saved, tried = str(tmp_path / "tried.toml"), m.SandboxState(None, None, (), False, 0.0)
-    before_it = shown.page.protocol.count()
-    shown.page.show_snapshot(before(sandbox=tried))
-    assert shown.page.protocol.count() == before_it
-    for _ in range(2):
-        shown.page.show_snapshot(before(sandbox=tried._replace(saved=saved)))
-        shown.wait()
-        assert shown.page.protocol.count() == before_it + 1 and shown.page.protocol.findText("tried.toml") > 0
-        assert shown.page.protocol.currentText() == "Paper", "nothing is chosen in place of the person"
-
-
 def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Shown, monkeypatch) -> None:
     page = shown.page
     found = (BoardFound("/dev/ttyACM0", device="three-brake"), BoardFound("/dev/ttyUSB1", problem="no answer"))
@@ -330,17 +367,6 @@ def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_
         page.show_opened(opened(participant))
     shown.wait()
     assert page.participant.text() == "02" and page.setup == page.chosen
-
-
-def test_the_newest_session_goes_on_by_the_large_button_while_trials_of_it_are_left(shown: Shown) -> None:
-    page = shown.page
-    closed_session(shown.setup.data_dir, 2, participant="07")
-    page.show_setup(shown.setup._replace(seed=2))
-    shown.until(lambda: page.start.text() == "Start session   01 · 60 trials"), "that is another protocol"
-    page.show_setup(shown.setup)
-    shown.until(lambda: page.start.text() == "Resume session   07 · 58 trials left")
-    shown.type(page.participant, "08")
-    assert page.start.text() == "Start session   08 · 60 trials"
 
 
 def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:

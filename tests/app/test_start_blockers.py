@@ -13,10 +13,10 @@ from app.window.widgets.preflight import advice
 from core.files import InputError
 from experiments.store.overview import SessionOverview
 
-LOADED = Loaded(paper(), "", 60, "01")
+LOADED = Loaded(paper(), "", "", 60, "01")
 WANTED = Wanted("01", None, LOADED, 0, [])
 BEGUN = SessionOverview(Path("data/sub-01/ses-01"), "01", "paper", 14, 60, 1.7e9)
-ONLY_TWO = Loaded(paper(participants=("A", "B")), "", 60, "A")
+ONLY_TWO = Loaded(paper(participants=("A", "B")), "", "", 60, "A")
 
 
 @pytest.mark.parametrize(

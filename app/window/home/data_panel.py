@@ -27,7 +27,7 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.words import LACKING, LEAVE, data_folder_of, from_home
+from app.window.widgets.words import LACKING, LEAVE, data_folder_of
 from app.window.widgets.work import VerbProcess, Watch
 from core.files import InputError
 from experiments.atomic_files import first_free
@@ -36,6 +36,7 @@ from experiments.store.files import recordings_in
 from experiments.store.overview import DataOverview, SessionOverview, scan_folder
 
 RECENT_MOST = 6
+DATE_PX = 96  # wide, a date
 FORMS = {"bids": "BIDS-Motion", "csv": "CSV"}
 
 
@@ -55,7 +56,7 @@ class Recent:
 
 
 class DataPanel(Panel):
-    """The third column of the home page."""
+    """The sessions, how far each is, and what can be done with it."""
 
     folder_chosen = Signal(Path)
     resume_asked = Signal(str)  # participant: take up their session, unfinished or not
@@ -71,7 +72,7 @@ class DataPanel(Panel):
         self.recent = Recent("folders")
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
-        self.where, self.count = OneLine("", "quiet", theme.NORMAL), wrapped_label("", "quiet")
+        self.count = wrapped_label("", "quiet")
         self.choose = QPushButton("Choose folder …", objectName="small", autoDefault=True)
         self.choose.setMenu(menu := QMenu(self.choose))
         menu.aboutToShow.connect(lambda: self._offer(menu))
@@ -91,7 +92,7 @@ class DataPanel(Panel):
         self.area = scrolled(holder(self._rows))
         self.area.setFocusPolicy(NO_FOCUS)
         self.setLayout(column(
-            row(text_label("Your data", size=theme.HEAD, bold=True), 1, self.choose), self.where, self.count,
+            row(text_label("Data", size=theme.HEAD, bold=True), 1, self.choose), self.count,
             row(self.whole, self.export_as, 1), (self.area, 1), self.exporting,
             row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
         ))  # fmt: skip
@@ -103,7 +104,6 @@ class DataPanel(Panel):
         if folder != self._folder:
             self._folder, self.overview = folder, None
             self.recent.add(str(folder))
-            self.where.setText(f"Data folder: {from_home(folder)}")
             self._looking.forget()
             self._looking.look()
 
@@ -157,27 +157,30 @@ class DataPanel(Panel):
             main = button("Close", lambda: self._page.page_asked.emit(RUN, m.Leave()), hint=LEAVE)  # Run asks first
             main.setEnabled(self._can_leave)
         elif session.declined:
-            main = button("Folder", lambda: self._page.folder_asked.emit(session.folder))
+            main = button("Folder", lambda: self._page.folder_asked.emit(session.folder), "link")
         elif session.complete:
-            main = button("Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder))
+            main = button("Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder), "link")
         else:
-            main = button("Resume", lambda: self.resume_asked.emit(session.participant), "main")
+            main = button("Resume", lambda: self.resume_asked.emit(session.participant), "link")
             main.setEnabled(not self._why and not session.problem and not self._opening)
             main.setToolTip(self._why)
         if session.participant == self._opening:
             show_wait(main, "Opening …")
-        main.setMinimumWidth(90)  # alike, and so are the bars
-        bar = QProgressBar(textVisible=False, maximum=max(session.planned, 1), value=session.done)
-        theme.set_style(bar, "done" if session.complete else "")
-        bar.setFixedHeight(6)
+        if session.participant == self._opening:
+            show_wait(main, "Opening …")
         done = text_label(f"{session.done} of {session.planned}")
         if session.problem or session.declined:
             done.setText("cannot be read" if session.problem else "does not take part")
-            bar.hide()
-        name, when = OneLine(session.participant, "", theme.TITLE, bold=True), datetime.fromtimestamp(session.changed_s)
+        name, when = (
+            OneLine(session.participant, "", theme.NORMAL, bold=True),
+            datetime.fromtimestamp(session.changed_s),
+        )
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
-        head = row(name, main, self._more(session, is_open), spacing=6)
-        lines = column(head, row(text_label(f"{when.day} {when:%b %Y}", "quiet"), 1, done), bar, spacing=3)
+        when = datetime.fromtimestamp(session.changed_s)
+        date = text_label(f"{when.day} {when:%b %Y}", "quiet")
+        date.setFixedWidth(DATE_PX)
+        done.setMinimumWidth(DATE_PX)
+        lines = column(row((name, 1), date, done, main, self._more(session, is_open), spacing=8), spacing=2)
         if session.lacking and not (session.problem or session.declined):
             lacking = wrapped_label(f"{session.lacking} without a result", "quiet", theme.SMALL)
             lacking.setToolTip(LACKING)

@@ -1,4 +1,4 @@
-"""Home: try the device, run a session, see the data that are there.
+"""Home: what comes next, a session, the data that are there.
 
 A choice changes nothing by itself: the page keeps the chosen `Setup`, and asks for a session server with it when a
 session starts, a board is connected or a data folder is chosen.
@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 from app.ipc import messages as m
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Recent
+from app.window.home.next_panel import GO, RESUME, TRY, NextPanel, what_comes_next
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
 from app.window.home.start import (
@@ -29,13 +30,14 @@ from app.window.home.start import (
     start_text,
     summary_of,
 )
-from app.window.home.try_panel import TryPanel
+from app.window.home.try_panel import DevicePicture, TryLine
 from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.fields import Tick
 from app.window.widgets.own_code import ask_own_code
 from app.window.widgets.page import RUN, Page
+from app.window.widgets.page import TRY as TRY_PAGE
 from app.window.widgets.parts import (
     NO_FOCUS,
     PANEL_MARGINS,
@@ -63,13 +65,14 @@ from app.window.widgets.work import BackgroundTask
 from core.device import shipped_devices
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, SENSOR, is_person
-from experiments.protocol import shipped_protocols
+from experiments.protocol import PAPER, shipped_protocols
 from experiments.store.files import session_folder
 
 LINE_PX = 32  # high, a line of the form at most
-PLAN_PX = 84  # high, the plan at least
 BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
-SESSION_PX = 660  # wide at most: choices are no easier to read when they are wider
+SESSION_PX = 760  # wide at most: choices are no easier to read when they are wider
+NEXT_PX = (150, 260)  # high, what comes next: at least, at most
+PLAN, MORE, LESS = "Show plan  ›", "More  ›", "Less  ˄"
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
@@ -77,7 +80,7 @@ HANDS = {name: INPUTS[name].title for name in CHOICES}
 
 
 class HomePage(Page):
-    """Three columns; in their place the editor of a protocol, or what a participant is asked first."""
+    """What comes next over the session, the data beside them; in their place the editor, or what is asked first."""
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
@@ -107,7 +110,7 @@ class HomePage(Page):
         self.devices.activated.connect(self._devices_chosen)
         self.hand.activated.connect(lambda: self._choose(hand=self.hand.value()))
         self.hand.fill(HANDS, MOUSE)
-        self.summary, self.hand_words = wrapped_label("", bold=True), wrapped_label("", "quiet")
+        self.summary, self.hand_words = wrapped_label("", "quiet"), wrapped_label("", "quiet")
         self.summary.setMinimumHeight(2 * self.summary.fontMetrics().lineSpacing())  # of what comes: nothing moves then
         self.edit = button("Edit", self._edit)
         self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD}, "Device")
@@ -117,38 +120,38 @@ class HomePage(Page):
         for wide in (self.protocol, self.devices):
             wide.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             wide.setMinimumWidth(90)
-        self.participant = QLineEdit(accessibleName="Participant", maximumWidth=110)
+        self.participant = QLineEdit(accessibleName="Participant", maximumWidth=150)
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
         self.blind = Tick("Hide controller names")
         self.blind.changed.connect(lambda _: self._ask_plan())
         self.plan = printed("No plan")
-        self.plan.setMinimumHeight(PLAN_PX)
-        self.plan.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)  # what the form leaves
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
         self.form.entered.connect(self._start)
         self.checks = Checklist()
-        self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start, "main")
+        self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start)
+        self.more, self.show_plan = button(MORE, self._turn_more, "link"), button(PLAN, self._turn_plan, "link")
 
     def _lay_out(self) -> None:
-        self.tried = TryPanel(self)
+        self.next, self.picture, self.tried = NextPanel(self._do_next), DevicePicture(), TryLine(self)
         choices = grid(12, 9, stretched=1)
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
-            ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()),
-            ("Device", self.link, ()), ("", self.ports, ()), ("Model", self.devices, ()),
-            ("Hand", self.hand, ((self.hand_words, 1),)), ("Participant", self.participant, (self.standing, 1)),
-            ("", self.form, ()), ("Blind", self.blind, ()), ("Plan", self.plan, ()),
+            ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()), ("Device", self.link, ()),
+            ("", self.ports, ()), ("Participant", self.participant, ((self.standing, 1),)), ("", self.form, ()),
+            ("Model", self.devices, ()), ("Hand", self.hand, ((self.hand_words, 1),)), ("Blind", self.blind, ()),
         )  # fmt: skip
+        self.rare: list[QWidget] = [self.devices, self.hand, self.hand_words, self.blind]  # behind *More*
         for place, (name, first, others) in enumerate(lines):
             if name:
                 label = text_label(name, "quiet")
                 label.setBuddy(first)
                 label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
                 choices.addWidget(label, place, 0, Qt.AlignmentFlag.AlignTop)
+                self.rare += [label] if first in self.rare else []
             choices.addLayout(row(first, *others), place, 1)
-        choices.setRowStretch(choices.rowCount() - 1, 1)
+        choices.setRowStretch(choices.rowCount(), 1)
         self.area = scrolled(holder(choices))
         self.area.setFocusPolicy(NO_FOCUS)
 
@@ -158,18 +161,41 @@ class HomePage(Page):
 
         self.area.verticalScrollBar().rangeChanged.connect(leave_room)
         leave_room(0, 0)
-        foot = column(self.checks, self.why, self.start, spacing=8, margins=(0, 0, BESIDE_PX, 0))
+        self.start.setMinimumHeight(40)
+        buttons = row(self.start, 1, self.show_plan, self.more)
+        foot = column(self.checks, self.why, buttons, spacing=8, margins=(0, 0, BESIDE_PX, 0))
         left, top, right, low = PANEL_MARGINS
-        self.session = panel("Run a session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
-        self.start.setFont(theme.font(theme.TITLE, bold=True))
-        self.start.setMinimumHeight(54)
-        for part in (self.tried, self.session, self.data):
+        self.session = panel("Session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
+        self.next.setMinimumHeight(NEXT_PX[0])
+        self.next.setMaximumHeight(NEXT_PX[1])
+        beside = holder(column((self.picture, 3), (self.data, 3), self.tried, spacing=theme.GAP))
+        planned = panel("Plan", (self.plan, 1), row(1, button("Close", self._turn_plan)))
+        self.side = stack(beside, planned)
+        doing = holder(column((self.next, 2), (self.session, 5), spacing=theme.GAP))
+        doing.setMaximumWidth(SESSION_PX)
+        for part in (doing, self.side):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.session.setMaximumWidth(SESSION_PX)
-        self.columns = holder(row((self.tried, 8), (self.session, 12), (self.data, 9), spacing=theme.GAP))
+        self.columns = holder(row((doing, 11), (self.side, 10), spacing=theme.GAP))
         self.asking = holder(column((self.consent, 1), row(1, button("Back  Esc", self._show_columns), 1)))
         self.stack = stack(self.columns, self.editor, self.asking)
         self.setLayout(column(self.stack))
+
+    def _turn_more(self) -> None:
+        """Show what is rarely chosen, or hide it."""
+        self.more.setText(LESS if self.more.text() == MORE else MORE)
+        self._fill_protocols()
+        self._refresh()
+
+    def _turn_plan(self) -> None:
+        """Show the participant's plan in place of the data, or the data again."""
+        self.side.setCurrentIndex(1 - self.side.currentIndex())
+
+    def _do_next(self) -> None:
+        coming = what_comes_next(self.data.overview, self._session_open)
+        if coming.kind == RESUME:
+            self._resume(coming.participant)
+        else:
+            self.page_asked.emit(RUN if coming.kind == GO else TRY_PAGE, None)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 
@@ -232,16 +258,21 @@ class HomePage(Page):
     def _take(self, setup: m.Setup) -> None:
         """Show these choices."""
         self.chosen = setup
-        shipped = {name: name.capitalize() for name in shipped_protocols()}
-        files = {path: Path(path).name for path in (setup.protocol, *self._recent.paths) if path not in shipped}
-        self.protocol.fill({**shipped, **files, "": FILE}, setup.protocol)
-        self.protocol.say(shipped_protocols())
+        self._fill_protocols()
         devices: dict[tuple[str, ...] | None, str] = {None: AS_PROTOCOL}
         devices |= {(name,): name for name in shipped_devices()}
         devices.setdefault(setup.devices, ", ".join(Path(device).stem for device in setup.devices or ()))
         self.devices.fill({**devices, (): FILE}, setup.devices)
         self.hand.fill(HANDS, setup.hand)
         self._load()
+
+    def _fill_protocols(self) -> None:
+        """The paper's protocol, files that were used last and the chosen one; the others are rare."""
+        said, chosen = shipped_protocols(), self.chosen.protocol
+        shown = {name: name.capitalize() for name in said if name in (PAPER, chosen) or self.more.text() == LESS}
+        files = {path: Path(path).name for path in (chosen, *self._recent.paths) if path not in said}
+        self.protocol.fill({**shown, **files, "": FILE}, chosen)
+        self.protocol.say(said)
 
     def _choose(self, **changes: Any) -> None:
         """Another choice; it takes effect when a session starts."""
@@ -297,7 +328,7 @@ class HomePage(Page):
             self.blind.setChecked(loaded.protocol.blind and is_person(self.hand.value()))
             self.form.show_form(loaded.protocol.form)
             chain_tabs(self.participant, *tab_stops(self.form), self.blind, self.plan, self.start)
-            self.tried.show_protocol(loaded.protocol)
+            self.picture.show_protocol(loaded.protocol)
             self._ask_plan()
         self._refresh()
 
@@ -384,7 +415,16 @@ class HomePage(Page):
         self.checks.show_checks(tuple(check for check in snapshot.checks if check.state != m.GOOD))
         why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
         self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
+        self._show_next(is_open, why_not)
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
+
+    def _show_next(self, is_open: str, why_not: str) -> None:
+        """One button is the main one: what comes next, else the start of a session."""
+        coming = what_comes_next(self.data.overview, is_open)
+        self.next.show_next(coming, why_not, self._opening)
+        self.picture.setVisible(coming.first)
+        self.tried.setVisible(coming.kind != TRY)
+        theme.set_style(self.start, "main" if coming.kind == TRY and not coming.first else "")
 
     def _show_start(self, wanted: Wanted, reasons: list[str], can_start: bool) -> None:
         self.standing.setText(standing_of(wanted))
@@ -406,7 +446,8 @@ class HomePage(Page):
         self.blind.setEnabled(new and not always_blind and is_person(self.hand.value()))
         self.form.setVisible(new and self._asks_a_person and bool(self.form.fields) and not wanted.consent_due)
         self.ports.setVisible(self.on_board)
-        self.hand.setVisible(not self.on_board)
+        for rare in self.rare:
+            rare.setVisible(self.more.text() == LESS and (rare is not self.hand or not self.on_board))
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
 
     def _start(self) -> None:

@@ -1,6 +1,7 @@
 """The session that Home would start, and what keeps it from starting."""
 
 import contextlib
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,9 +9,9 @@ from app.ipc import messages as m
 from app.window.widgets.words import LEAVE, as_sentence
 from core.files import InputError
 from experiments.plan import counted, make_plan, plan_summary, print_trials, refuse_no_label
-from experiments.protocol import Protocol, load_protocol, protocol_to_json
+from experiments.protocol import Protocol, load_protocol
 from experiments.store.files import free_participant
-from experiments.store.overview import SessionOverview, scan_folder
+from experiments.store.overview import SessionOverview
 from experiments.store.stored import read_stored
 
 
@@ -18,9 +19,10 @@ class Loaded(NamedTuple):
     """A protocol that can be run, and what Home says of it."""
 
     protocol: Protocol
+    sentence: str  # of its [about]; "": it says none
     summary: str
     trials: int  # of a participant
-    participant: str  # that was asked for, else whose session goes on or comes next; "": none is left
+    participant: str  # that was asked for, else the first without a session; "": none is left
 
 
 def load(setup: m.Setup) -> Loaded:
@@ -30,19 +32,13 @@ def load(setup: m.Setup) -> Loaded:
     )
     protocol.refuse_unknown_low_gain()
     participant = setup.participant or proposed(setup.data_dir, protocol)
-    return Loaded(protocol, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
+    sentence = tomllib.loads(protocol.text).get("about", {}).get("sentence", "")
+    return Loaded(protocol, sentence, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
 
 
 def proposed(data_dir: Path, protocol: Protocol) -> str:
-    """The participant of the newest session if it is by this protocol and trials of it are left, else the first
-    without a session; "": none is left.
-    """
-    overview = scan_folder(data_dir)
+    """The first participant without a session; "": none is left."""
     with contextlib.suppress(InputError):
-        for newest in overview.sessions[:1]:
-            if not (newest.complete or newest.problem or overview.operators):
-                if protocol_to_json(read_stored(newest.folder).protocol) == protocol_to_json(protocol):
-                    return newest.participant
         return free_participant(data_dir, protocol.participants)
     return ""
 
@@ -131,7 +127,8 @@ def summary_of(wanted: Wanted) -> str:
         return str(loaded or "")
     if found is not None and found.protocol not in ("", loaded.protocol.name):
         return f"Participant {wanted.participant} goes on by their own protocol, {found.protocol}."
-    return loaded.summary.replace(" min", "\u00a0min")
+    sentence = f"{as_sentence(loaded.sentence)} " if loaded.sentence else ""
+    return sentence + loaded.summary.replace(" min", "\u00a0min")
 
 
 def standing_of(wanted: Wanted) -> str:

@@ -1,45 +1,24 @@
-"""The first column of Home: what Try is about."""
+"""What Home shows of Try: the device with its handle on the path, and the way there once there are data."""
 
 from app.window.canvas.layers import SPACING_M
 from app.window.canvas.path_marks import Sizes
 from app.window.canvas.small_view import SmallView
-from app.window.widgets import theme
 from app.window.widgets.page import TRY, Page
-from app.window.widgets.parts import (
-    PANEL_MARGINS,
-    PART,
-    OneLine,
-    Panel,
-    button,
-    clear,
-    column,
-    holder,
-    row,
-    text_label,
-    wrapped_label,
-)
-from app.window.widgets.words import feel
+from app.window.widgets.parts import PANEL_MARGINS, Panel, button, column, row, text_label, wrapped_label
 from core.path import outline
 from experiments.protocol import Protocol
 
 PICTURE = Sizes(path=4.0, ring=13.0, handle=10.0)
 
 
-class TryPanel(Panel):
-    """The protocol's first device with its handle between start and end, and what guides a hand there."""
+class DevicePicture(Panel):
+    """The protocol's first device with its handle between start and end."""
 
-    def __init__(self, page: Page) -> None:
-        super().__init__()
-        about = wrapped_label("Feel what the controllers do. Nothing is saved.", "quiet")
-        self._picture, self._guides = SmallView(PICTURE), column(spacing=8)
-        self.try_it = button("Try it", lambda: page.page_asked.emit(TRY, None), "main")
-        self.try_it.setFont(theme.font(theme.HEAD, bold=True))
-        self.try_it.setMinimumHeight(72)
-        title, picture = text_label("Try it", size=theme.HEAD, bold=True), holder(column(self._picture))
+    def __init__(self) -> None:
+        super().__init__("canvas")
+        self._picture = SmallView(PICTURE)
         self.setLayout(
-            column(
-                title, about, (picture, 3), (holder(self._guides), 1), self.try_it, spacing=12, margins=PANEL_MARGINS
-            )
+            column((self._picture, 1), text_label("Letters: joints with a brake", "quiet"), margins=(8, 8, 8, 8))
         )
 
     def show_protocol(self, protocol: Protocol) -> None:
@@ -47,12 +26,14 @@ class TryPanel(Panel):
         way = outline(path, SPACING_M).tolist()
         self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
         self._picture.show()
-        clear(self._guides)
-        for number, preset in protocol.controllers.items():
-            words = dict.fromkeys((feel(preset, protocol.controllers), preset.name))
-            bar = Panel()
-            bar.setFixedWidth(5)
-            bar.setStyleSheet(
-                f"background: {theme.colour_of(number, protocol.controllers)}; border: none; border-radius: 2px"
-            )
-            self._guides.addLayout(row(bar, OneLine(PART.join(words), size=theme.NORMAL)))
+
+
+class TryLine(Panel):
+    """The way to Try, where something else comes first."""
+
+    def __init__(self, page: Page) -> None:
+        super().__init__()
+        self.try_it = button("Try it", lambda: page.page_asked.emit(TRY, None))
+        about = wrapped_label("Compare the controllers by hand. Nothing is saved.", "quiet")
+        self.setLayout(row((column(text_label("Try the device", bold=True), about, spacing=4), 1), self.try_it,
+                           margins=PANEL_MARGINS))  # fmt: skip

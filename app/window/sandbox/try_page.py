@@ -81,7 +81,7 @@ class TryPage(Page):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         over.setColumnStretch(0, 1)
         over.setRowStretch(2, 1)
-        self.workspace, passes = Layered(self.canvas, LAYERS), Panel()
+        self.workspace, passes = Layered(self.canvas, LAYERS, over=False), Panel()
         self.workspace.foot.addWidget(self.bring)
         self.workspace.foot.addWidget(self.start)
         head = row(text_label("Passes", size=theme.TITLE, bold=True), self.notice, self.clear)
