@@ -6,7 +6,7 @@ from fake_client import opened, running
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from screens import Screens, point
+from screens import Screens, point, settle
 from tried import tried
 
 from app.window.canvas.plane import Plane
@@ -23,8 +23,11 @@ def view(request, screens: Screens) -> Plane:
         screens.hear(opened(""), tried())
         return screens.main.pages[TRY].canvas
     screens.hear(opened(), running())
+    if request.param == "run":
+        screens.participant.hide()  # else it lies over the same place
+        return screens.run.workspace.view
     screens.participant.show()
-    return screens.participant.view if request.param == "participant" else screens.run.workspace.view
+    return screens.participant.view
 
 
 def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves(screens: Screens, view: Plane) -> None:
@@ -42,6 +45,7 @@ def test_the_pointer_is_the_hand_in_metres_and_lets_go_where_it_leaves(screens: 
 
 
 def test_a_finger_holds_while_it_is_down(screens: Screens, view: Plane) -> None:
+    settle(view.window())
     aimed, at = screens.client.aimed, view.to_screen(PLACE).toPoint()
     finger = QTest.createTouchDevice()
     QTest.touchEvent(view, finger).press(1, at, view)

@@ -106,7 +106,7 @@ def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_by_key_where
     held.page.clear.setEnabled(True)
     held.page.clear.setFocus()
     QTest.keyClick(held.page.clear, Qt.Key.Key_5)
-    assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 5.0})
+    assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 500.0})
 
 
 def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> None:

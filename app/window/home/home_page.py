@@ -71,7 +71,7 @@ from experiments.store.files import session_folder
 LINE_PX = 32  # high, a line of the form at most
 BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
 SESSION_PX = 760  # wide at most: choices are no easier to read when they are wider
-NEXT_PX = (150, 260)  # high, what comes next: at least, at most
+NEXT_PX = 156  # high, what comes next
 PLAN, MORE, LESS = "Show plan  ›", "More  ›", "Less  ˄"
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
@@ -166,12 +166,11 @@ class HomePage(Page):
         foot = column(self.checks, self.why, buttons, spacing=8, margins=(0, 0, BESIDE_PX, 0))
         left, top, right, low = PANEL_MARGINS
         self.session = panel("Session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
-        self.next.setMinimumHeight(NEXT_PX[0])
-        self.next.setMaximumHeight(NEXT_PX[1])
+        self.next.setFixedHeight(NEXT_PX)
         beside = holder(column((self.picture, 3), (self.data, 3), self.tried, spacing=theme.GAP))
         planned = panel("Plan", (self.plan, 1), row(1, button("Close", self._turn_plan)))
         self.side = stack(beside, planned)
-        doing = holder(column((self.next, 2), (self.session, 5), spacing=theme.GAP))
+        doing = holder(column(self.next, (self.session, 1), spacing=theme.GAP))
         doing.setMaximumWidth(SESSION_PX)
         for part in (doing, self.side):
             part.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

@@ -21,10 +21,7 @@ from experiments.plan import counted
 from experiments.store.overview import DataOverview
 
 TRY_TITLE = "Try the device"
-TRY_TEXT = (
-    "Pull the handle along the line with the mouse and compare controllers. Brakes resist and steer; they never push. "
-    "Nothing is saved."
-)
+TRY_TEXT = "Pull the handle with the mouse and compare controllers. Brakes steer, they never push. Nothing is saved."
 MAIN_PX = (190, 44)  # of the button: wide and high at least
 TRY, RESUME, GO = "try", "resume", "go"
 

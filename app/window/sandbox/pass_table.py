@@ -24,6 +24,7 @@ FIXED = ("", "Controller", "Setting", "Path")
 ROWS, ROW_PX, HEAD_PX = 10, 23, 40  # that are seen; high
 #: px wide: a dot, a path's number, a measure at most, and beside a text; shares of the room: name at most, measures
 DOT_PX, PATH_PX, MOST_PX, BESIDE_PX, NAME_SHARE, MEASURED_SHARE = 20, 42, 120, 6, 0.65, 0.6
+NAMED_PX = 230  # for name and setting at least
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
@@ -53,7 +54,7 @@ class TwoLineHead(QHeaderView):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, half, wide = QPainter(self.viewport()), 0.5 * HEAD_PX, len(self.devices)
-        for across in range(self.count()):
+        for across in filter(lambda section: not self.isSectionHidden(section), range(self.count())):
             text = FIXED[across] if across < len(FIXED) else self.devices[(across - len(FIXED)) % wide]
             box = QRectF(self.sectionViewportPosition(across) + 3, half, self.sectionSize(across) - 6, half)
             painter.setPen(theme.shade(COLOURS.quiet))
@@ -62,6 +63,8 @@ class TwoLineHead(QHeaderView):
             painter.drawText(box, RIGHT if across >= len(FIXED) - 1 else LEFT, shown)
         for place, (_, head, unit, _, _) in enumerate(MEASURES if wide else ()):
             last = len(FIXED) + (place + 1) * wide - 1
+            if self.isSectionHidden(last):
+                continue
             box = QRectF(0.0, 0.0, self.sectionViewportPosition(last) + self.sectionSize(last) - 3, half)
             painter.setFont(theme.font(theme.SMALL))
             painter.setPen(theme.shade(COLOURS.quiet))
@@ -96,8 +99,12 @@ class PassTable(QTableWidget):
 
     def _fit(self) -> None:
         """Columns of measures are as wide as their heads where there is room; name and setting share the rest."""
-        measured = max(self.columnCount() - len(FIXED), 1)
-        room = self.viewport().width() - DOT_PX - PATH_PX
+        room, wide = self.viewport().width() - DOT_PX - PATH_PX, len(self.head.devices)
+        last = len(FIXED) + (len(MEASURES) - 1) * wide  # the last measure gives way where names have no room
+        narrow = room - len(MEASURES) * wide * self.head.needed_px < NAMED_PX and wide <= 2
+        for across in range(last, self.columnCount()):
+            self.setColumnHidden(across, narrow)
+        measured = max((last if narrow else self.columnCount()) - len(FIXED), 1)
         each = int(min(max(self.head.needed_px, MEASURED_SHARE * room / measured), MOST_PX, 0.7 * room / measured))
         left = room - each * measured
         name = int(min(self._name_px, NAME_SHARE * left))

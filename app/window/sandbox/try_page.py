@@ -23,7 +23,7 @@ from core import tick_log
 from experiments.protocol import Protocol
 
 FIGURE, WIDEST_FIGURE = 22, "888.8 mm"  # px, of a figure; a longer one is written smaller
-BESIDE_PX = 90  # of the page, beside and between head, figures and controls
+BESIDE_PX = 130  # of the page, beside and between head, figures and controls
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
 BACK = Shown("Back to the start", "The next pass begins in the green circle")
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
@@ -75,8 +75,10 @@ class TryPage(Page):
                 pair, (0, 1), (Qt.AlignmentFlag.AlignBottom, Qt.AlignmentFlag.AlignTop), strict=True
             ):
                 over.addWidget(part, down, across, to_its_line)
-        for figure in figures:
-            figure.setFixedWidth(math.ceil(theme.text_width(WIDEST_FIGURE, FIGURE, bold=True)))
+        widest = math.ceil(theme.text_width(WIDEST_FIGURE, FIGURE, bold=True))
+        for across, figure in enumerate(figures, start=1):
+            figure.setFixedWidth(widest)
+            over.setColumnMinimumWidth(across, widest)
         for label in self.canvas.findChildren(QWidget):
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         over.setColumnStretch(0, 1)
