@@ -7,7 +7,7 @@ from hardware.sensing.samples import WINDOW
 from tests.benchmarks.board_bench import settings
 from tests.benchmarks.board_trials import ALL, Effects, Setting, on_the_board, on_the_simulated_device
 
-SETTINGS = settings(load_protocol())
+SETTINGS = settings(load_protocol(low_gain=5.0, sensing="ideal"))
 #: By which a trial of controllers 1, 3 and 5 on the board may differ from the simulated one (docs/bench.md).
 TOLERANCE = {"path_error_m": 0.05, "mean_tip_force_N": 0.01, "acceleration_dft_sum": 0.07, "duration_s": 0.01}
 

@@ -79,7 +79,7 @@ MISTAKES = {  # what is put in place of what, what is said then, and the line th
         'kind = "polyline"\npoints_m = [[0.0, 0.4], [1]]', "point 2 of points_m must hold 2 values, not 1", "points_m",
     ),
     "unknown path": ('"segment"', '"spiral"', "kind must be one of segment, polyline, arc, drawing", 'kind = "spiral"'),
-    "gain below 0": ("= 5.0 ", "= -5.0 ", "controller 5: gain_N_s_m must be greater than 0", "gain_N_s_m = -5.0"),
+    "gain below 0": ("= 500.0 ", "= -500.0 ", "controller 5: gain_N_s_m must be greater than 0", "gain_N_s_m = -500.0"),
     "text for a time": ("hold_s = 0.5", 'hold_s = "a"', "trial.hold_s must be a number, not text", 'hold_s = "a"'),
     "unknown table": ("[trial]", "[trail]", "did you mean trial?", "[trail]"),
     "no such device": ('"three-brake"', '"five-brake"', "unknown device 'five-brake'", "devices = ["),
