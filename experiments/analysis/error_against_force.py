@@ -5,6 +5,7 @@ median DFT of acceleration as its area. The screen and the printed figure draw t
 logarithmic axis, each line of which halves it.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -117,23 +118,28 @@ def name_places(
     blocked = list(taken)
     for (width, height), circles in zip(sizes, centres, strict=True):
         best, least = (0.0, 0.0), math.inf
-        for x, y, radius in circles:
-            off = radius + 0.4 * height
-            for left, bottom in (
-                (x + off, y + 0.35 * off), (x - off - width, y + 0.35 * off),
-                (x + off, y - 0.35 * off - height), (x - off - width, y - 0.35 * off - height),
-                (x - 0.5 * width, y + off), (x - 0.5 * width, y - off - height),
-                (x + 2.0 * off, y + 2.0 * off), (x - 2.0 * off - width, y + 2.0 * off),
-                (x + 2.0 * off, y - 2.0 * off - height), (x - 2.0 * off - width, y - 2.0 * off - height),
-            ):  # fmt: skip
-                own = left, bottom, left + width, bottom + height
-                outside = width * height - _shared(own, page)
-                covered = sum(_shared(own, other) for other in blocked) + 10.0 * outside
-                if covered < least - 1e-9:
-                    best, least = (left, bottom), covered
+        around = [_places_around(circle, width, height) for circle in circles]
+        for left, bottom in itertools.chain.from_iterable(zip(*around, strict=True)):  # the nearest of all come first
+            own = left, bottom, left + width, bottom + height
+            outside = width * height - _shared(own, page)
+            covered = sum(_shared(own, other) for other in blocked) + 10.0 * outside
+            if covered < least - 1e-9:
+                best, least = (left, bottom), covered
         found.append(best)
         blocked.append((*best, best[0] + width, best[1] + height))
     return found
+
+
+def _places_around(circle: tuple[float, float, float], width: float, height: float) -> list[tuple[float, float]]:
+    """Lower left corners of a name around a circle, the best first."""
+    x, y, radius = circle
+    off = radius + 0.4 * height
+    right, left, above, under = x + off, x - off - width, y + 0.35 * off, y - 0.35 * off - height
+    beside = [(right, above), (left, above), (right, under), (left, under)]
+    middle = x - 0.5 * width
+    far = [(right + off, above + 1.65 * off), (left - off, above + 1.65 * off)]
+    far += [(right + off, under - 1.65 * off), (left - off, under - 1.65 * off)]
+    return [*beside, (middle, y + off), (middle, y - off - height), *far]
 
 
 def _shared(a: Rectangle, b: Rectangle) -> float:

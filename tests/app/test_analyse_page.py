@@ -240,6 +240,24 @@ def test_a_trial_has_the_page_to_itself_and_gives_it_back(qtbot, two_trials: Pat
     assert page.charts.isVisible() and page.tabs.value() == POOLED and page.axis.isVisible()
 
 
+def test_error_against_force_shows_the_medians_of_the_chosen_trials_and_points_have_the_shape_of_their_path(
+    qtbot, data: Path
+) -> None:
+    page = page_on(qtbot, data)
+    QTest.mouseClick(page.people.chips["02"], Qt.MouseButton.LeftButton)
+    cells = page.trials.groupby(["controller", "configuration"])
+    medians = {
+        (round(force, 9), round(np.log2(1e3 * error), 9))
+        for force, error in cells[["mean_tip_force_N", "path_error_m"]].median().itertuples(index=False)
+    }
+    assert {(round(p.pos().x(), 9), round(p.pos().y(), 9)) for p in page.force.circles.points()} == medians
+    assert len(page.force.names) == 5 and page.force.isVisible()
+    shapes = {point.data().row.segment: point.symbol() for point in page.plots[0].points.points()}
+    assert shapes == {1: "o", 2: "t1"} and "Triangle: path 2." in page.legend.text()
+    page.show_page(PERSON)
+    assert not page.force.isVisible()
+
+
 def test_an_axis_is_offered_for_what_there_is_and_stays_chosen(qtbot, data: Path) -> None:
     page = page_on(qtbot, data)
     assert page.axis.count() == len(AXES), "nobody was asked a questionnaire"

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QResizeEvent
-from PySide6.QtWidgets import QProgressBar
+from PySide6.QtWidgets import QGridLayout, QProgressBar, QWidget
 
 from app.ipc import messages as m
-from app.window.analyse.box_plot import ChartPlot, trial_of
+from app.window.analyse.box_plot import SHAPES, ChartPlot, trial_of
 from app.window.analyse.chips import Chips
+from app.window.analyse.force_plot import ForcePlot
 from app.window.analyse.trial_view import TrialView
 from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
@@ -47,6 +48,7 @@ from experiments.analysis.charts import (
     coloured,
     left_out,
     legend,
+    paths_of,
 )
 from experiments.analysis.colours import colour_places
 from experiments.analysis.metrics import DRAWN
@@ -103,7 +105,9 @@ class AnalysePage(Page):
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.legend = wrapped_label("", size=theme.SMALL)  # which controller is which, marks, what is left out
         self.legend.setTextFormat(Qt.TextFormat.RichText)
-        self.charts = holder(column((row(*self.plots), 1), self.legend))
+        self.force, self.places = ForcePlot(), QGridLayout()
+        self.places.setSpacing(theme.GAP)
+        self.charts = holder(column((self.places, 1), self.legend))
         self.stack = stack(self.charts, self.empty)
         self.side = TrialView()
         self.side.exclude_asked.connect(self.exclude)
@@ -300,13 +304,23 @@ class AnalysePage(Page):
             )
         ]
         left = left_out(trials, *view.timeouts_on(shown[0])) if self.page != QUESTIONS else ""
-        for text, colour in ((" ".join(legend(shown[0], view)), COLOURS.quiet), (left, COLOURS.caution)):
+        paths = paths_of(shown)
+        shapes = [f"{SHAPES[path - 1]}: path {path}." for path in paths if 1 < len(paths) and path <= len(SHAPES)]
+        how = " ".join([*legend(shown[0], view), *shapes])
+        for text, colour in ((how, COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
         self.legend.setText(f"<div style='line-height: 135%'>{'<br>'.join(filter(None, lines))}</div>")
         for plot, chart in zip(self.plots, shown, strict=False):
             plot.show_chart(chart, view.logarithmic)
-        for plot in self.plots:
-            plot.setVisible(plot in self.plots[: len(shown)])
+        seen: list[QWidget] = [*self.plots[: len(shown)]]
+        if self.page == POOLED:
+            self.force.show_marks(trials, view)
+            seen.append(self.force)
+        columns = 2 if len(seen) == 4 else max(len(seen), 1)
+        for each in (*self.plots, self.force):
+            each.setVisible(each in seen)
+        for place, widget in enumerate(seen):
+            self.places.addWidget(widget, *divmod(place, columns))
 
     def _show_empty(self, text: str) -> None:
         self.empty.setText(text)

@@ -19,6 +19,8 @@ from experiments.analysis.charts import Chart, Point
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
+SYMBOLS = "o", "t1", "s", "d", "t"  # of the points of the first path, the second, ..; as in print
+SHAPES = "Circle", "Triangle", "Square", "Diamond", "Triangle down"  # their names
 APART_PX = 3.0  # between two names along an axis
 FOOT = 0.03  # of the plot's height, under the scale
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
@@ -133,8 +135,9 @@ class ChartPlot(Plot):
         counts = point.row is None or point.row.status in ("done", "timeout")
         colour = self.colour_of(point.controller) if counts else COLOURS.quiet
         return {
-            "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX, "symbol": "o" if counts else "+",
-            "pen": pg.mkPen(colour, width=1), "brush": pg.mkBrush(COLOURS.panel if point.look else colour),
+            "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX,
+            "symbol": symbol_of(point.row) if counts else "+", "pen": pg.mkPen(colour, width=1),
+            "brush": pg.mkBrush(COLOURS.panel if point.look else colour),
         }  # fmt: skip
 
     def _place_crosses(self, *_: object) -> None:
@@ -188,6 +191,11 @@ class ChartPlot(Plot):
         near = sorted(found, key=lambda mark: (self.item.vb.mapViewToScene(mark.pos()) - at).manhattanLength())
         if near and near[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
             self.chosen.emit(near[0].data().row)
+
+
+def symbol_of(row: TrialRow | None) -> str:
+    """The shape of a trial's point: that of its path; an answer has that of the first."""
+    return SYMBOLS[0 if row is None else (row.segment - 1) % len(SYMBOLS)]
 
 
 def trial_of(row: TrialRow | None) -> tuple[str, int] | None:
