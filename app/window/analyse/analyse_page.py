@@ -107,6 +107,8 @@ class AnalysePage(Page):
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.force, self.places = ForcePlot(), QGridLayout()
         self.places.setSpacing(theme.GAP)
+        for place, plot in enumerate((*self.plots, self.force)):
+            self.places.addWidget(plot, 0, place)
         self.charts = holder(column((self.places, 1), self.legend))
         self.stack = stack(self.charts, self.empty)
         self.side = TrialView()
@@ -317,10 +319,10 @@ class AnalysePage(Page):
             self.force.show_marks(trials, view)
             seen.append(self.force)
         columns = 2 if len(seen) == 4 else max(len(seen), 1)
-        for each in (*self.plots, self.force):
-            each.setVisible(each in seen)
         for place, widget in enumerate(seen):
             self.places.addWidget(widget, *divmod(place, columns))
+        for each in (*self.plots, self.force):
+            each.setVisible(each in seen)
 
     def _show_empty(self, text: str) -> None:
         self.empty.setText(text)
