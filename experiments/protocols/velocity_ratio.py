@@ -13,7 +13,7 @@ control was adapted from it. Our choice: the pace by least squares, which takes 
 grows with the excess from 0 on, on every joint that is too fast, so that nothing jumps from brake to brake; no lock;
 b is the rules' `back_speed` (four times the velocity's noise or more), so that noise seldom moves a current. The sense
 of a joint that hardly turns is that of the settled rules. The default of K is assumed: with twice as much the loop
-oscillates where encoders give the velocity, which is then 8 ms old (docs/arena.md).
+oscillates where encoders give the velocity, which is then 8 ms old (docs/what-it-shows.md).
 """
 
 import math

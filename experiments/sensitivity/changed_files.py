@@ -11,12 +11,14 @@ from scipy.ndimage import distance_transform_edt
 
 from core.device import Device, build_device
 from core.files import InputError, toml_text
+from core.path import Segment, outline
 from core.workspace import free_tips, tip_is_free
+from experiments.protocol import REACH_SPACING_M
 from experiments.trial.operator import Person
 
 LINKS = ("AE", "ED", "BC", "CD")
 FROM_LENGTH = ("com_m", "inertia_kg_m2")  # of a link: what a uniform rod has by itself
-SPACING_M = 2e-3  # of the places of a path that must be free
+DECIMALS = 6  # of the ends of a path, m
 GRID_M = 5e-3  # of the places among which the middle of the workspaces is found
 TRIES = 50  # of a path on its way to the middle, and again on its way to no length
 
@@ -100,7 +102,7 @@ def changed_paths(text: str, devices: Sequence[Mapping[str, Any]], values: Mappi
                 **own,
             }
             ends = within_reach(built, asked, middle)
-            path["start_m"], path["end_m"] = ends.round(6).tolist()
+            path["start_m"], path["end_m"] = ends.tolist()
     return toml_text(content)
 
 
@@ -114,7 +116,7 @@ def within_reach(devices: Sequence[Device], asked: Mapping[str, float], middle: 
     ways = [(1.0 - k / TRIES, 1.0) for k in range(TRIES)] + [(0.0, 1.0 - k / TRIES) for k in range(TRIES)]
     for away, length in ways:
         centre = middle + away * (at - middle)
-        ends = np.array([centre - length * half, centre + length * half])
+        ends = np.array([centre - length * half, centre + length * half]).round(DECIMALS)
         if all(_free(device, ends) for device in devices):
             return ends
     raise InputError("no straight path in the middle of the workspaces can be reached by all devices")
@@ -131,5 +133,7 @@ def _middle(devices: Sequence[Device]) -> np.ndarray:
 
 
 def _free(device: Device, ends: np.ndarray) -> bool:
-    places = np.linspace(ends[0], ends[1], max(int(np.hypot(*(ends[1] - ends[0])) / SPACING_M), 2))
+    """Whether a device follows the straight path between the ends, as its protocol will ask."""
+    (start, end) = ends.tolist()
+    places = outline(Segment(tuple(start), tuple(end)), REACH_SPACING_M)
     return bool(tip_is_free(device.mechanism, places[:, 0], places[:, 1]).all())

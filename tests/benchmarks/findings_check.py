@@ -1,4 +1,4 @@
-"""Whether docs/findings.md is what the program gives: new samples against the shares on the page.
+"""Whether docs/what-it-shows.md is what the program gives: new samples against the shares on the page.
 
 python -m tests.benchmarks.findings_check [N] [SEED]      300 new samples, seed 2: some ten minutes
 
@@ -18,7 +18,7 @@ from experiments.sensitivity.ranges import load_ranges
 from experiments.sensitivity.report import Judgement
 from experiments.sensitivity.run import SensitivityRun, run_sensitivity
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "findings.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "what-it-shows.md"
 ROW = re.compile(r"^\| (\d+) \| [^|]+ \| ([\d.]+) % \(([\d.]+) to ([\d.]+)\) \|", re.MULTILINE)
 Z, Z_OF_ALL = 1.96, 2.84  # of one interval; of eleven together (Bonferroni)
 

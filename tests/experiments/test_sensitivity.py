@@ -389,3 +389,10 @@ def test_the_interval_of_a_share_is_wilsons_and_holds_the_share():
         holding = np.arange(n + 1)
         low, high = wilson(holding, n)
         assert np.all(low <= holding / n) and np.all(holding / n <= high)
+
+
+def test_a_path_that_a_sample_was_given_is_one_that_its_protocol_takes() -> None:
+    """Sample 2196 of the paper's ranges: a path of whose points, 2 mm apart from one end, none met a stop."""
+    (sample,) = SensitivityRun(load_ranges("paper"), 3000, 1).samples()[2195:2196]
+    protocol, _people = sample.ranges.study(sample.values, sample.seed)
+    assert len(protocol.paths) == 2
