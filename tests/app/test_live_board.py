@@ -31,7 +31,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession)
     assert window.until(lambda s: s.sandbox).sandbox.by_start
     window.until(lambda s: session.device().state != m.WAITING)  # it is being connected
     window.client.send(m.Start())
-    assert "Open a session" in window.until(lambda s: s.notice_bad).notice
+    assert "is not ready" in window.until(lambda s: s.notice_bad).notice
     window.client.send(m.EndSandbox())
     window.until(lambda s: s.sandbox is None)
     session.open()
