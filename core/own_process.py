@@ -41,7 +41,7 @@ def call_apart(what: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """
     global _other
     with _lock:
-        other, began = _running(), time.monotonic()
+        other, began = _running(), time.perf_counter()
         assert other.stdin is not None and other.stdout is not None  # both are pipes
         try:
             with contextlib.suppress(BrokenPipeError):
@@ -54,7 +54,7 @@ def call_apart(what: str, function: Callable[..., Any], *arguments: Any) -> Any:
         if not line.endswith(b"\n"):
             code = other.wait()
             _other = None
-            raise OwnCodeFailed(f"{what}: {_how_it_ended(code, time.monotonic() - began)}")
+            raise OwnCodeFailed(f"{what}: {_how_it_ended(code, time.perf_counter() - began)}")
         answer = json.loads(line)
         if "spoilt" in answer:  # that process serves no other call
             _end()

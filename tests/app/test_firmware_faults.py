@@ -55,9 +55,9 @@ def in_a_movement(place: Place, fault: Fault, board: type[Board]) -> Case:
     return case
 
 
-def without_run(words: str) -> str:
-    """What is told, without the number of the run."""
-    return re.sub(r"Run \d+", "Run", words)
+def without_number(words: str) -> str:
+    """What is told, without the number of the trial."""
+    return re.sub(r"Trial \d+", "Trial", words)
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
@@ -69,8 +69,8 @@ def test_the_currents_are_zero_in_time_and_as_soon_as_on_the_python_board(fault,
     assert case.recording.rows == case.ticks > 0
     case.close()
     like = in_a_movement(place, fault, Board)
-    assert (like.zero_ms, like.row.status, without_run(like.words)) == (
-        case.zero_ms, case.row.status, without_run(case.words),
+    assert (like.zero_ms, like.row.status, without_number(like.words)) == (
+        case.zero_ms, case.row.status, without_number(case.words),
     )  # fmt: skip
     like.close()
 

@@ -313,9 +313,9 @@ def test_beside_its_paths_no_brake_is_valid_on_most_of_the_way_and_beside_the_pa
 
 @pytest.mark.parametrize("rules", ["settled", "literal"])
 def test_its_trials_have_the_locks_and_releases_of_the_rules_on_every_device(rules):
-    protocol = replace(load_protocol(WEDGE), rules=rules, blocks=1)
+    protocol = replace(load_protocol(WEDGE, low_gain=5.0), rules=rules, blocks=1)
     released, locked = {}, {}
-    for row, _ in study_trials(protocol, load_population(), 1):
+    for row, _ in study_trials(protocol, load_population("average"), 1):
         cell = row.configuration, row.controller
         for found, measure in ((released, "released_share"), (locked, "locked_share")):
             found.setdefault(cell, []).append(row.value(measure))
