@@ -113,11 +113,14 @@ class Session:
         self._close()
 
     def _close(self) -> None:
-        if self._bench is not None:
-            self._bench.close()
-        if self._stored is not None:
-            self._stored.end()
+        bench, stored = self._bench, self._stored
         self._bench = self._stored = None
+        try:
+            if bench is not None:
+                bench.close()
+        finally:
+            if stored is not None:
+                stored.end()
 
     def __iter__(self) -> Iterator["SessionTrial"]:
         """The trials that are still to be run, in the plan's order. InputError if one was neither run nor skipped."""

@@ -80,7 +80,7 @@ def _running() -> subprocess.Popen:
 def _how_it_ended(code: int, after_s: float) -> str:
     if after_s >= LONGEST_S:
         return f"took longer than {LONGEST_S:.0f} s and was ended"
-    if code in (-signal.SIGSEGV, -signal.SIGABRT, -signal.SIGBUS if hasattr(signal, "SIGBUS") else 0):
+    if code in {-getattr(signal, name) for name in ("SIGSEGV", "SIGABRT", "SIGBUS") if hasattr(signal, name)}:
         return f"crashed its process ({signal.Signals(-code).name}), as recursion without end does"
     return f"ended its process (exit status {code})"
 

@@ -2,7 +2,6 @@
 
 import textwrap
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import matplotlib
@@ -19,15 +18,11 @@ from experiments.analysis.error_against_force import (
     SMOOTHNESS,
     TITLE,
     Mark,
-    between,
-    by_controller,
     diameter,
-    drawn_rectangles,
     halvings,
     joined,
     largest_smoothness,
     marks_of,
-    name_places,
     ranges,
     shown_sizes,
 )
@@ -48,7 +43,7 @@ from experiments.analysis.sheet import (
 from experiments.analysis.trials_table import Trials
 
 CIRCLE_PT = 17.0  # the largest diameter
-BOLD_LETTER_IN = 0.077  # about
+KEY_IN, KEY_CHARACTERS = 2.1, 25  # wide, the key; letters in a line of it
 
 
 def draw_error_against_force(trials: Trials, note: str, view: View) -> Figure:
@@ -60,7 +55,7 @@ def draw_error_against_force(trials: Trials, note: str, view: View) -> Figure:
     how = f"Medians and quartiles of {often} trials{several}. Each line across halves the error."
     texts = (how, left_out(trials, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int((PAGE_IN - 0.75) * CHARACTERS_PER_INCH))]
-    height, bottom, right = 4.4, 0.7 + LINE_IN * len(lines), 1.75
+    height, bottom, right = 4.9, 0.7 + LINE_IN * len(lines), KEY_IN
     with matplotlib.rc_context(STYLE):
         figure = new_figure(PAGE_IN, height)
         place = 0.6, bottom, PAGE_IN - 0.6 - right, height - bottom - 0.45
@@ -71,13 +66,13 @@ def draw_error_against_force(trials: Trials, note: str, view: View) -> Figure:
         axes.grid(axis="y", color=LINE, linewidth=0.6)
         axes.set_axisbelow(True)
         if marks:
-            _draw_marks(figure, axes, marks, view)
+            _draw_marks(axes, marks, view)
         _key_of_marks(figure, marks, view, PAGE_IN - right + 0.25)
         small_print(figure, lines, 0.6)
     return figure
 
 
-def _draw_marks(figure: Figure, axes: Axes, marks: Sequence[Mark], view: View) -> None:
+def _draw_marks(axes: Axes, marks: Sequence[Mark], view: View) -> None:
     across, up = ranges(marks)
     axes.set(xlim=across, ylim=up, yscale="log")
     axes.set_yticks(halvings(*up), [f"{value:g}" for value in halvings(*up)])
@@ -86,7 +81,6 @@ def _draw_marks(figure: Figure, axes: Axes, marks: Sequence[Mark], view: View) -
     for first, second in joined(marks):
         ends = zip(*((mark.force.median, mark.error.median) for mark in (first, second)), strict=True)
         axes.plot(*ends, ":", color=colour_of(first.controller, view.colours), lw=1.3, zorder=3)
-    placed, covered = [], []
     for mark in marks:
         colour, size = colour_of(mark.controller, view.colours), CIRCLE_PT * diameter(mark.smoothness, largest)
         error, force = mark.error, mark.force
@@ -95,28 +89,10 @@ def _draw_marks(figure: Figure, axes: Axes, marks: Sequence[Mark], view: View) -
         face = "white" if mark.look else colour
         body: dict[str, Any] = {"edgecolors": colour, "linewidths": 1.4, "hatch": HATCHES[mark.look]}
         axes.scatter([force.median], [error.median], size**2, face, zorder=4, **body)
-        to_points = axes.transData.transform([
-            (force.median, error.median), (force.q1, max(error.q1, up[0])), (force.q3, error.q3),
-        ]) * (72.0 / figure.dpi)  # fmt: skip
-        (x, y), (left, low), (end, high) = to_points.tolist()
-        placed.append((x, y, 0.5 * size))
-        covered += drawn_rectangles(placed[-1], ((left, end), (low, high)), 1.0)
-    groups = by_controller(marks)
-    for of_one in groups.values():
-        for one, other in pairwise(of_one):
-            covered += between(placed[one][:2], placed[other][:2])
-    names = {controller: view.name(controller) for controller in groups}
-    sizes = [(72.0 * BOLD_LETTER_IN * len(name), 1.25 * MIDDLE) for name in names.values()]
-    centres = [[placed[at] for at in of_one] for of_one in groups.values()]
-    page = axes.get_window_extent().get_points().ravel() * (72.0 / figure.dpi)
-    look: dict[str, Any] = {"fontsize": MIDDLE, "weight": "bold", "parse_math": False, "zorder": 6}
-    places = name_places(sizes, centres, covered, tuple(page))
-    for (controller, name), place in zip(names.items(), places, strict=True):
-        axes.annotate(name, place, xycoords="figure points", color=colour_of(controller, view.colours), **look)
 
 
 def _key_of_marks(figure: Figure, marks: Sequence[Mark], view: View, left_in: float) -> None:
-    """Devices, the sizes of circles, and where it is best, one under the other."""
+    """Controllers, devices, the sizes of circles, and where it is best, one under the other."""
     width, height = figure.get_size_inches()
 
     def words(text: str, down_in: float, **look: Any) -> None:
@@ -125,9 +101,16 @@ def _key_of_marks(figure: Figure, marks: Sequence[Mark], view: View, left_in: fl
 
     def circle(across: float, down_in: float, size: float, **look: Any) -> None:
         place = [left_in / width + across / width], [1.0 - (down_in - 0.04) / height]
-        figure.add_artist(Line2D(*place, marker="o", ls="", ms=size, mec=QUIET, mew=1.2, **look))
+        look = {"mec": QUIET, "mew": 1.2} | look
+        figure.add_artist(Line2D(*place, marker="o", ls="", ms=size, **look))
 
     down = 0.4
+    for controller in dict.fromkeys(mark.controller for mark in marks):
+        colour = colour_of(controller, view.colours)
+        circle(0.12, down, 8.0, mfc=colour, mec=colour)
+        words(f"       {textwrap.shorten(view.name(controller), KEY_CHARACTERS, placeholder='…')}", down)
+        down += 0.22
+    down += 0.18 if marks else 0.0
     if len(view.configurations) > 1:
         words("Device", down, weight="bold")
         for device in view.configurations[: len(HATCHES)]:

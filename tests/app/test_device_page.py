@@ -71,10 +71,10 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) ->
     sensors = [label.text() for name, label in page.values.items() if name.startswith("Joint") or name == "Handle"]
     assert set(sensors) == {"–"} and FOLLOWS not in texts(page)
     page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan), hand_force=(math.nan, math.nan))))
-    assert page.values["Hand force"].text() == page.values["Handle"].text() == "–"
+    assert page.values["Tip force"].text() == page.values["Handle"].text() == "–"
     assert page.values["Joint A"].text() == "34\u202f512 counts"
     page.show_pulse(told(status(hand_force=(-0.004, 0.0))))
-    assert page.values["Hand force"].text() == "0.0 N   x 0.0   y 0.0 N", "and nothing has no sign"
+    assert page.values["Tip force"].text() == "0.0 N   x 0.0   y 0.0 N", "and nothing has no sign"
 
 
 def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:

@@ -46,7 +46,7 @@ STATES = {
 }  # fmt: skip
 COUNT, SPEED, FELT = "Encoder step", "Speed noise", "Force noise"
 BOARD = ("Device", "Port", "Link", "Firmware", "Round trip", "Delay", "Clock offset", "Clock drift")
-SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Hand force", COUNT, SPEED, FELT)
+SENSORS = (*(f"Joint {joint}" for joint in JOINTS), "Handle", "Tip force", COUNT, SPEED, FELT)
 #: name -> counters, as they are shown
 LINK = {
     "Lost": "{lost} of {all} samples", "Repeated": "{repeated} samples",
@@ -158,7 +158,7 @@ def figures_of(status: m.DeviceStatus, protocol: Protocol) -> dict[str, str]:
         if status.homed and math.isfinite(sum(status.tip)):
             figures["Handle"] = f"x {1e3 * status.tip[0]:z.1f}   y {1e3 * status.tip[1]:z.1f} mm"
         if status.force_channels and math.isfinite(fx + fy):
-            figures["Hand force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f} N"
+            figures["Tip force"] = f"{math.hypot(fx, fy):.1f} N   x {fx:z.1f}   y {fy:z.1f} N"
         figures |= quantised(status, protocol)
     if report:
         counts = counters_of(report)
