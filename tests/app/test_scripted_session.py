@@ -1,5 +1,6 @@
 """`phd.Session`: what a program records is a session like any other."""
 
+import itertools
 import json
 import math
 import os
@@ -142,7 +143,11 @@ def test_an_emulated_device_is_run_as_a_real_one(tmp_path, capsys):
             emulated.order(away=True)
             session.zero()
             emulated.order(away=False)
-            rows = [run_undisturbed(session, trial) for trial, _ in zip(session, range(4), strict=False)]
+            rows = []
+            for trial in itertools.islice(session, 4):  # one that a busy machine disturbs counts for nothing
+                rows.append(run_undisturbed(session, trial))
+                if rows[-1]["status"] == "done":
+                    break
         recordings = [phd.load_recording(tmp_path / "data" / row["recording"]) for row in rows]
         reasons = [recording.attrs["outcome"]["reason"] for recording in recordings]
         assert any(row["status"] == "done" and row["mean_tip_force_N"] > 0.0 for row in rows), reasons

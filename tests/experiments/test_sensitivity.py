@@ -393,6 +393,6 @@ def test_the_interval_of_a_share_is_wilsons_and_holds_the_share():
 
 def test_a_path_that_a_sample_was_given_is_one_that_its_protocol_takes() -> None:
     """Sample 2196 of the paper's ranges: a path of whose points, 2 mm apart from one end, none met a stop."""
-    (sample,) = SensitivityRun(load_ranges("paper"), 3000, 1).samples()[2195:2196]
-    protocol, _people = sample.ranges.study(sample.values, sample.seed)
+    ranges = load_ranges("paper")
+    protocol, _people = ranges.study(ranges.values(ranges.shares(3000, 1)[2195].tolist()), 1)
     assert len(protocol.paths) == 2

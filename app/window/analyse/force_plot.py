@@ -39,8 +39,6 @@ class ForcePlot(Plot):
         self.head.setStretch(1, 2)
         self.title.setToolTip(ABOUT)
         self.marks: list[Mark] = []
-        self.names = pg.LegendItem(offset=(-2, 2), labelTextSize=f"{theme.SMALL}px", verSpacing=-6)
-        self.names.setParentItem(self.item.vb)
         self.circles = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: data)
         self._largest = 0.0
         self.item.showGrid(y=True, alpha=0.6)
@@ -71,11 +69,6 @@ class ForcePlot(Plot):
             for mark, colour in zip(self.marks, colours, strict=True)
         ])  # fmt: skip
         self.item.addItem(self.circles)
-        self.names.clear()
-        for controller in dict.fromkeys(mark.controller for mark in self.marks):
-            colour = colour_at(view.colours.get(controller))
-            sample = pg.ScatterPlotItem(size=9, pen=pg.mkPen(colour), brush=pg.mkBrush(colour))
-            self.names.addItem(sample, view.name(controller))
         self.show_all()
 
     def _quartiles(self, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
