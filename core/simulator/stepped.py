@@ -59,7 +59,8 @@ class Simulation:
         simulation.step([0.2, 0.0, 0.0], (1.0, 0.5), 1e-3)
         simulation.state.tip_m
 
-    braked: joints of its brakes, such as "AEB". currents_max_A: array (n,) of each brake. Wrong input: InputError.
+    braked: joints of its brakes, such as "AEB". currents_max_A: array (n,) of each brake. A wrong value or
+    shape: InputError; a wrong type: TypeError.
     """
 
     def __init__(self, device: str | Path | Device, fidelity: str = "mr", integrator: str = "event") -> None:
@@ -107,7 +108,10 @@ class Simulation:
         currents = currents_A.tolist() if isinstance(currents_A, np.ndarray) else list(currents_A)
         if currents != self._currents:
             self._set_currents(currents)
-        fx, fy = force_N.tolist() if isinstance(force_N, np.ndarray) else force_N
+        try:
+            fx, fy = force_N.tolist() if isinstance(force_N, np.ndarray) else force_N
+        except ValueError:
+            raise InputError(f"force_N must be two numbers, in N, not {force_N!r}") from None
         if fx != self._fx or fy != self._fy:
             if not (-FORCE.most <= fx <= FORCE.most and -FORCE.most <= fy <= FORCE.most):
                 raise InputError(f"force_N {FORCE.refusal(fx) or FORCE.refusal(fy)}")

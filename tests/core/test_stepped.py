@@ -137,6 +137,7 @@ def test_a_reset_is_a_new_simulation():
         (lambda s: s.step([0.1, 99.0, 0.0]), "that of E must be from 0 to"),
         (lambda s: s.step([0.1, np.nan, 0.0]), "that of E must be from 0 to"),
         (lambda s: s.step([0.1, 0.1, 0.0], (np.inf, 0.0)), "force_N must be at most"),
+        (lambda s: s.step([0.1, 0.1, 0.0], (1.0,)), "force_N must be two numbers"),
         (lambda s: s.step([0.1, 0.1, 0.0], step_s=0.0), "step_s must be at least"),
     ],
 )

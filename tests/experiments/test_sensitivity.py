@@ -272,6 +272,9 @@ def test_the_shipped_ranges_can_be_run_and_say_what_they_rest_on():
     ranges = load_ranges("paper")
     assert ranges.operators == 3 and len(ranges.ranges) >= 30 and all(of.source for of in ranges.ranges.values())
     assert {"path.1.x_m", "assumptions.torque_factor", "device_factor.mass.??.mass_kg"} <= set(ranges.ranges)
+    # a path of whose points, 2 mm apart from one end, none met a stop: it is one that the protocol takes
+    protocol, _people = ranges.study(ranges.values(ranges.shares(3000, 1)[2195].tolist()), 1)
+    assert len(protocol.paths) == 2
 
 
 def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(small):
@@ -389,10 +392,3 @@ def test_the_interval_of_a_share_is_wilsons_and_holds_the_share():
         holding = np.arange(n + 1)
         low, high = wilson(holding, n)
         assert np.all(low <= holding / n) and np.all(holding / n <= high)
-
-
-def test_a_path_that_a_sample_was_given_is_one_that_its_protocol_takes() -> None:
-    """Sample 2196 of the paper's ranges: a path of whose points, 2 mm apart from one end, none met a stop."""
-    ranges = load_ranges("paper")
-    protocol, _people = ranges.study(ranges.values(ranges.shares(3000, 1)[2195].tolist()), 1)
-    assert len(protocol.paths) == 2
