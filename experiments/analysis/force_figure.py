@@ -99,15 +99,14 @@ def _key_of_marks(figure: Figure, marks: Sequence[Mark], view: View, left_in: fl
         look = {"fontsize": MIDDLE, "parse_math": False} | look
         figure.text(left_in / width, 1.0 - down_in / height, text, va="baseline", **look)
 
-    def circle(across: float, down_in: float, size: float, **look: Any) -> None:
+    def circle(across: float, down_in: float, size: float, face: str, edge: str = QUIET) -> None:
         place = [left_in / width + across / width], [1.0 - (down_in - 0.04) / height]
-        look = {"mec": QUIET, "mew": 1.2} | look
-        figure.add_artist(Line2D(*place, marker="o", ls="", ms=size, **look))
+        figure.add_artist(Line2D(*place, marker="o", ls="", ms=size, mew=1.2, mfc=face, mec=edge))
 
     down = 0.4
     for controller in dict.fromkeys(mark.controller for mark in marks):
         colour = colour_of(controller, view.colours)
-        circle(0.12, down, 8.0, mfc=colour, mec=colour)
+        circle(0.12, down, 8.0, colour, colour)
         words(f"       {textwrap.shorten(view.name(controller), KEY_CHARACTERS, placeholder='…')}", down)
         down += 0.22
     down += 0.18 if marks else 0.0
@@ -115,7 +114,7 @@ def _key_of_marks(figure: Figure, marks: Sequence[Mark], view: View, left_in: fl
         words("Device", down, weight="bold")
         for device in view.configurations[: len(HATCHES)]:
             down += 0.22
-            circle(0.12, down, 8.0, mfc="white" if view.look(device) else QUIET)
+            circle(0.12, down, 8.0, "white" if view.look(device) else QUIET)
             words(f"       {device}", down)
         down += 0.35
     if largest := largest_smoothness(marks):
@@ -125,7 +124,7 @@ def _key_of_marks(figure: Figure, marks: Sequence[Mark], view: View, left_in: fl
         down += 0.31
         for value in shown_sizes(largest):
             down += 0.26
-            circle(0.12, down, CIRCLE_PT * diameter(value, largest), mfc="white")
+            circle(0.12, down, CIRCLE_PT * diameter(value, largest), "white")
             words(f"        {value:g}", down)
         down += 0.38
     words("Best: low and left", down, weight="bold")
