@@ -38,6 +38,13 @@ LONG = (
 )  # fmt: skip
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Before a test file is imported: what a test starts or allows is not remembered for the user."""
+    own = tempfile.TemporaryDirectory(prefix="phd-tests-")
+    config.add_cleanup(own.cleanup)
+    os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_DATA_HOME"] = own.name
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files come first, the others in their order."""
     places = {name: place for place, name in enumerate(LONG)}
@@ -49,12 +56,8 @@ def _name(bar: FiveBar) -> str:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_folders(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """An app that a test starts does not remember its folders for the user, and sees no emulated boards but those of
-    the tests of its process.
-    """
-    os.environ["XDG_CONFIG_HOME"] = str(tmp_path_factory.mktemp("config"))
-    os.environ["XDG_DATA_HOME"] = str(tmp_path_factory.mktemp("user"))
+def own_boards(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A test sees no emulated boards but those of the tests of its process."""
     os.environ["TMPDIR"] = tempfile.tempdir = str(tmp_path_factory.mktemp("temporary"))
 
 
