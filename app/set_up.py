@@ -172,13 +172,14 @@ def make_venv() -> None:
 def fill(kind: str, window: bool) -> bool:
     """Install the pinned packages and compile the kernels meanwhile; whether pip succeeded.
 
-    A window is not kept waiting: it opens, and says that it compiles the rest.
+    A window is not kept waiting: it opens, and says that it compiles the rest. Tests need the control loop too.
     """
     keep_bytecode()
     extras = "[test,docs]" if kind == "test" else ""
     if not pip_install(*KERNEL_PACKAGES):
         return False
-    compiling = subprocess.Popen([PYTHON, "-m", "app.compile_kernels", "--no-window"], cwd=ROOT, **QUIET)
+    needed = [] if kind == "test" else ["--no-window"]
+    compiling = subprocess.Popen([PYTHON, "-m", "app.compile_kernels", *needed], cwd=ROOT, **QUIET)
     installed = pip_install("-e", f".{extras}")
     if window:
         compiling.terminate()

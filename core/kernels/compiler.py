@@ -313,11 +313,12 @@ class EntryCompiler:
     def compile_extra(self, function: Callable) -> Any:
         """Called by numba: the compile result of the entry. function: that of the part."""
         _Progress.done, _Progress.of = 0, len(self.part.not_compiled())
-        self.part.compile(self.args)
-        _Progress.tell(_Progress.of, LINKING)
-        result = self.link(self.part.overloads[self.args])
-        _Progress.tell(_Progress.of, "")
-        return result
+        try:
+            self.part.compile(self.args)
+            _Progress.tell(_Progress.of, LINKING)
+            return self.link(self.part.overloads[self.args])
+        finally:
+            _Progress.tell(_Progress.of, "")
 
     def link(self, part: Any) -> Any:
         """The compile result of a part, with machine code that Python can call."""

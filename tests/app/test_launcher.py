@@ -348,6 +348,7 @@ def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, t
 
 def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
     assert tree.run("test", "tests/test_x.py", "-k", "a b").returncode == 0
+    assert tree.calls("compile") == ["compile"]  # the control loop too
     assert tree.calls("pytest") == ["pytest tests/test_x.py -k a b"]
     assert tree.run("doctor").stderr == ""
 

@@ -6,7 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from core.kernels import kernel
+import pytest
+from numba.core.errors import NumbaError
+
+from core.kernels import INTERPRETED, cache, kernel
 from core.kernels.cache import source_hash
 from core.kernels.compiler import identity
 
@@ -103,3 +106,13 @@ def test_a_kernel_is_another_one_where_what_it_calls_or_a_number_that_it_names_i
     known = told_by("2.0 * x")
     assert told_by("2.0 * x") == known
     assert len({known, told_by("3.0 * x"), told_by("2.0 + x"), told_by("2.0 * x", 20.0)}) == 4
+
+
+@pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
+def test_who_watches_a_compilation_is_told_its_end_where_it_fails_too(monkeypatch):
+    told: list[str] = []
+    monkeypatch.setattr(cache, "watchers", [lambda _number, _of, name: told.append(name)])
+    monkeypatch.setattr("core.kernels.compiler.watchers", cache.watchers)
+    with pytest.raises(NumbaError):
+        kernel(lambda x: x.nothing)(1.0)
+    assert told[-1] == "" and len(told) > 1
