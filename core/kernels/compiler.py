@@ -190,9 +190,8 @@ class EntryCache:
         code, module = function.__code__, Path(function.__code__.co_filename)
         name = f"{module.stem}.{function.__qualname__}".replace("<", "").replace(">", "")
         python = f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}"
-        place = hashlib.sha256(str(module.parent).encode()).hexdigest()[:16]
         self._stamp = _file_hash(module)
-        self._folder = f"{module.parent.name}_{place}"
+        self._folder = module.parent.name
         self._name = f"{name}{self.kind}-{code.co_firstlineno}.{python}"
 
     def _file(self, signature: Any, target: Any) -> Path | None:

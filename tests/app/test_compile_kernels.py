@@ -1,5 +1,6 @@
-"""What the set-up compiles: everything that the first study, simulation and live trial need."""
+"""What the set-up compiles: everything that the first study, simulation, emulated board and live trial need."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -13,61 +14,90 @@ from app.progress import watch_compiling
 from core.kernels.cache import LINKING, watchers
 
 SCENE = Path(__file__).parents[2] / "experiments" / "scenes" / "locked-brake.toml"
-COUNTED = """
-import sys
+#: Prints in its last line what this process compiles, then what it looks for on disk (name and checksum of the types
+#: of each entry): for the first part of its work, and for all of it.
+WATCHED = """
+import zlib
 from numba.core.event import Listener, register
-names = []
+from core.kernels.compiler import EntryCache
+new, asked, load = [], set(), EntryCache.load_overload
 class Count(Listener):
-    def on_start(self, event): names.append(event.data["dispatcher"].__name__)
+    def on_start(self, event): new.append(event.data["dispatcher"].__name__)
     def on_end(self, event): pass
+def watched_load(cache, signature, target):
+    if not cache.kind: asked.add(f"{{cache._name}} {{zlib.crc32(str(signature).encode())}}")
+    return load(cache, signature, target)
+EntryCache.load_overload = watched_load
 register("numba:compile", Count())
-{code}
-print(*names)
+{first}
+before = set(asked)
+{then}
+print((new, before, asked))
 """
-
-
-def run_python(*arguments: str, **more: str) -> str:
-    """What a new process prints that compiles. more: of its environment."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", **more}
-    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=500)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-#: the window's part
-DRAWING = """
+SET_UP = "from app.compile_kernels import *\ncompile_trials()\ncompile_scene()\ncompile_board()\n"
+#: the window's part of a live trial
+LIVE = """
+from app.loop.loop import run_stopped_trial
 from app.window.canvas.layers import Instant, directions, field_at_rest, needles
 from core.device import load_device
 from core.path import Segment, build_path, outline
+run_stopped_trial()
 device, segment = load_device("three-brake"), Segment((-0.1, 0.4), (0.1, 0.4))
 path = build_path(segment, "path")
 assert len(outline(segment, 0.01)) and len(needles(path, 1.0, device, (0, 0.3), (0.1, 0.5), 0.02))
 instant = Instant(device, (0.0, 0.38))
 assert directions(device, instant.g, field_at_rest(path, instant.tip, 1.0))
 """
+#: a handle that goes along a path of its own, in each hand
+BOARD = """
+from app.emulated_operator import drawn_operator
+from core.device import load_device, shipped_devices
+from core.path import Polyline, build_path
+from hardware.emulated_board.device import HeldHand
+from hardware.emulated_board.emulator import Emulator, EmulatorSettings
+path = build_path(Polyline(((-0.05, 0.4), (0.0, 0.42), (0.05, 0.4))), "path")
+devices = [load_device(name) for name in shipped_devices()]
+for hand in (HeldHand((path.x0, path.y0)), drawn_operator(path, 1)):
+    emulator = Emulator(devices, hand, (path.x0, path.y0), [], EmulatorSettings())
+    for name in shipped_devices():
+        emulator.rewire(name)
+        for _ in range(1500): emulator._tick()
+    emulator.close()
+"""
+STEPPED = """
+import phd
+simulation = phd.Simulation("three-brake")
+simulation.step([0.1, 0.0, 0.0], (1.0, 0.0))
+simulation.state
+"""
 
-#: as the window asks before it compiles
-IS_COMPILED = 'from core.kernels.cache import is_compiled\nprint(is_compiled("run_trial"))'
+
+def run_python(*arguments: str) -> str:
+    """What a new process prints that compiles."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
+    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=500)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
-def compiled_by(code: str, **environment: str) -> str:
-    """The kernels that a new process compiles that runs this code."""
-    return run_python("-c", COUNTED.format(code=code), **environment).splitlines()[-1]
+def watched(first: str, then: str) -> tuple[set[str], set[str]]:
+    """The entries that a new process asks for that runs this code, the first part and both. It compiles nothing."""
+    compiled, *asked = ast.literal_eval(run_python("-c", WATCHED.format(first=first, then=then)).splitlines()[-1])
+    assert compiled == []
+    return asked
 
 
-def test_after_the_set_up_a_study_and_a_simulation_compile_nothing_and_later_no_live_trial(tmp_path) -> None:
-    kept = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
-    said = run_python("-m", "app.compile_kernels", "--no-window", **kept)
+def test_the_set_up_compiles_all_that_a_study_a_simulation_an_emulated_board_and_a_live_trial_need(tmp_path) -> None:
+    """Whatever another test has compiled meanwhile: each entry that they ask for is one of the set-up's."""
+    said = run_python("-m", "app.compile_kernels")
     assert said == "kernels: compiled\n"  # a bar, or lines in its place, are on stderr
     (tmp_path / "short.toml").write_text(short(paths=1).text)
     study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
     scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
     verbs = f"from app.cli import main\nassert main({study}) == main({scene}) == 0\n"
-    assert compiled_by(verbs, **kept) == ""
-    assert run_python("-c", IS_COMPILED, **kept) == "False\n"
-    assert run_python("-m", "app.compile_kernels", **kept) == "kernels: compiled\n"
-    assert run_python("-c", IS_COMPILED, **kept) == "True\n"
-    assert compiled_by("from app.loop.loop import run_stopped_trial\nrun_stopped_trial()" + DRAWING, **kept) == ""
+    without_window, with_window = watched(SET_UP, "compile_loop()")
+    headless, live = watched(verbs + BOARD + STEPPED, LIVE)
+    assert len(headless) > 10 and headless - without_window == set() and live - with_window == set()
 
 
 def test_what_cannot_be_compiled_is_one_sentence(capsys) -> None:
