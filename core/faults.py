@@ -15,7 +15,7 @@ class FaultWords(NamedTuple):
     """One row of the table."""
 
     words: str  # in braces: what is filled in where it happens
-    advice: str  # one sentence
+    advice: str = ""  # one sentence; "": where it is shown something else says what to do
 
 
 FAULTS = {
@@ -87,7 +87,7 @@ FAULTS = {
         "decision that it does not have",
         "Check the file with phd check-controller.",
     ),
-    "brakes-off": FaultWords("brakes off: {why}", "Allow the brakes again when it is safe."),
+    "brakes-off": FaultWords("brakes off: {why}"),
     # of this computer
     "server-silent": FaultWords(
         "the process that records did not answer for two seconds", "This computer was held up: close other programs."

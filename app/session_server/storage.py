@@ -153,7 +153,7 @@ class Storage:
             self.open.session.redo(row.run, reason, at_end=run.again == "end")
             notice += " It is repeated next." if run.again == "now" else " It is repeated at the end."
         if row.status == "stopped":
-            notice += " It is repeated next; it can be skipped." if row.block else " It is repeated next."
+            notice += " It is repeated next."
         self.open.trial_ended(row)
         self.update_next(notice.strip())
 

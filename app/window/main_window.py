@@ -295,7 +295,8 @@ class MainWindow(QWidget):
     # ------------------------------------------------------------------------------------------- settings and help
 
     def show_settings(self) -> None:
-        self.cards.put(SettingsCard(self._stack, self.cards.leave, self._setting_changed))
+        folder = self.client.setup.data_dir
+        self.cards.put(SettingsCard(self._stack, self.cards.leave, self._setting_changed, folder))
 
     def _setting_changed(self, key: str) -> None:
         if key != memory.DATA_FOLDER:
@@ -341,7 +342,12 @@ class MainWindow(QWidget):
             self.send(m.AllowBrakes())
 
     def _to_close(self) -> Callable[[], object] | None:
-        """What Esc closes: a menu, what is asked; else, unless a trial runs, what a page has open, or a text field."""
+        """What Esc closes: a menu, what is asked; else, unless a trial runs, what a page has open, or a text field.
+
+        A dialog over all that closes itself.
+        """
+        if QApplication.activeModalWidget() is not None:
+            return None
         if QApplication.activePopupWidget() is not None:
             return close_popups
         running, typing = self.snapshot.stage == m.RUNNING, self.focusWidget()

@@ -53,7 +53,9 @@ class SettingsCard(OverlayCard):
 
     wide_px = WIDE_PX
 
-    def __init__(self, parent: QWidget, leave: Callable[[], object], changed: Callable[[str], object]) -> None:
+    def __init__(
+        self, parent: QWidget, leave: Callable[[], object], changed: Callable[[str], object], data_folder: Path
+    ) -> None:
         """changed: does what a key of `memory` asks for, once its new value is remembered."""
         super().__init__("Settings", memory.why_forgotten(), [("Close  Enter", leave)], parent)
         self._changed = changed
@@ -68,14 +70,14 @@ class SettingsCard(OverlayCard):
         self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
         self.scale.show_value(memory.remembered(memory.SIZE))
         self.sound.show_value(memory.remembered(memory.SOUND))
-        kept_in = OneLine(from_home(Path(memory.remembered(memory.DATA_FOLDER))), "", theme.NORMAL)
+        kept_in = OneLine(from_home(data_folder), "", theme.NORMAL)
         folder = holder(row(kept_in, button("Change …", lambda: changed(memory.DATA_FOLDER), "small")))
         lines = grid_of({
             "Theme": (self.theme, "From the next start on."),
             "Size": (self.scale, "Of everything, as far as the screen has room; from the next start on."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
-            "Data folder": (folder, "From the next start on, unless phd is started with --data-dir."),
+            "Data folder": (folder, "Where sessions are kept; from now on, and at the next start."),
         })  # fmt: skip
         self.inside.addLayout(lines)
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))

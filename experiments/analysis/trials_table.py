@@ -431,7 +431,7 @@ def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:
     move = ticks[ticks[:, tick_log.PHASE] == tick_log.MOVE]
     late = int(np.count_nonzero(ticks[:, tick_log.LATENESS_US] >= tick_log.MISSED_US))
     if late:
-        flags.append(f"{late} tick{'s' if late > 1 else ''} came a millisecond or more too late")
+        flags.append(f"{late} tick{'s' if late > 1 else ''} missed")
     most = move[:, tick_log.ARM_FORCE_MAX]
     force = np.hypot(move[:, tick_log.HAND_FX], move[:, tick_log.HAND_FY])
     left = int(np.count_nonzero((most[:-1] > 0.0) & (most[1:] == 0.0)))

@@ -77,9 +77,10 @@ def test_escape_takes_the_brakes_off_from_every_question_and_closes_it(screens: 
     assert screens.main.cards.question is None and screens.run.cards.question is None
 
 
-def test_escape_takes_the_brakes_off_from_a_dialog_of_files_and_closes_it(qtbot, screens: Screens) -> None:
-    running_on(screens, HOME)
-    seen = []
+@pytest.mark.parametrize("runs", [True, False])
+def test_escape_takes_the_brakes_off_from_a_dialog_of_files_and_closes_it_alone(screens: Screens, runs: bool) -> None:
+    home, seen = running_on(screens, HOME, editing=True), []
+    screens.hear(running(1) if runs else ready(1))
 
     def look() -> None:
         dialog = QApplication.activeModalWidget()
@@ -91,6 +92,7 @@ def test_escape_takes_the_brakes_off_from_a_dialog_of_files_and_closes_it(qtbot,
     plain = QFileDialog.Option.DontUseNativeDialog
     assert QFileDialog.getOpenFileName(screens.main, "Protocol", "", "", options=plain)[0] == ""
     assert len(seen) == 1 and len(screens.client.off_causes) == 1
+    assert home.stack.currentWidget() is home.editor, "what is behind the dialog stays"
 
 
 @pytest.mark.parametrize("window", ["main", "participant"])
@@ -108,11 +110,11 @@ def test_escape_takes_the_brakes_off_in_every_stage_of_a_session(screens: Screen
 def test_another_page_closes_every_menu_and_takes_the_keyboard(screens: Screens) -> None:
     screens.hear(opened(""), ready(0, stage=m.NO_SESSION))
     screens.main.show_page(HOME)
-    choose = screens.main.pages[HOME].data.choose
-    choose.setFocus()
-    choose.menu().popup(choose.mapToGlobal(choose.rect().bottomLeft()))
+    choice = screens.main.pages[HOME].protocol
+    choice.setFocus()
+    choice.showPopup()
     assert QApplication.activePopupWidget() is not None
     screens.hear(opened(), ready(0))
     assert screens.main.shown == RUN and QApplication.activePopupWidget() is None
-    assert screens.main.focusWidget() is not choose
+    assert screens.main.focusWidget() is not choice
     assert screens.press(Qt.Key.Key_Space, screens.main.focusWidget()) == [m.Start()]

@@ -8,7 +8,7 @@ from fake_client import GREEN, RED, before, opened, ready, running
 from page_driver import PageDriver
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton, QStyleOptionViewItem
+from PySide6.QtWidgets import QApplication, QPushButton, QStyleOptionViewItem
 from screens import settle
 from sessions import closed_session
 from status_messages import ON_BENCH, WELL
@@ -258,7 +258,7 @@ def test_the_form_of_a_board_fits_the_smallest_window(shown: Shown, monkeypatch)
 
 
 def test_what_was_used_last_is_offered_again_by_the_app_alone(shown: Shown, tmp_path: Path) -> None:
-    assert Recent("folders").paths == [] and shown.page.data.recent.paths == [str(shown.setup.data_dir)]
+    assert Recent("protocols").paths == []
     files = [tmp_path / f"{n}.toml" for n in range(8)]
     QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, str(tmp_path))
     QApplication.setOrganizationName("phd-test")
@@ -379,25 +379,12 @@ def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
         buttons = {button.text(): button for button in page.data.findChildren(QPushButton) if button.isVisible()}
         assert not buttons["Resume"].isEnabled() and "session of 01 is open" in buttons["Resume"].toolTip()
         assert buttons["Close"].isEnabled() == (stage.stage == m.READY), "not in mid-trial"
-    assert not page.protocol.isEnabled() and not page.data.choose.isEnabled()
+    assert not page.protocol.isEnabled()
     assert page.start.text() == "Go to the session   01" and "close it" in page.why.text()
     shown.click(page.start)
     assert shown.pages == [(RUN, None)] and shown.sent == []
     shown.click(buttons["Close"])
     assert shown.pages[1:] == [(RUN, m.Leave())] and shown.sent == [], "Run asks first"
-
-
-def test_a_folder_is_chosen_by_itself_or_by_a_session_in_it(shown: Shown, tmp_path: Path, monkeypatch) -> None:
-    inside = tmp_path / "other" / "sub-01" / "ses-01"
-    inside.mkdir(parents=True)
-    (inside / "session.db").write_bytes(b"x" * 9000)
-    for chosen in (tmp_path / "other", inside):
-        monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_, chosen=chosen: str(chosen))
-        shown.page.data.browse()
-        assert shown.setups[-1] == (shown.setup._replace(data_dir=tmp_path / "other"), None)
-    shown.page.show_setup(shown.setups[-1][0])
-    shown.wait()
-    assert "cannot be read" in shown.texts(), "the session that is damaged is named, not left out"
 
 
 def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:

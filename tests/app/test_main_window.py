@@ -30,7 +30,6 @@ from screens import Screens, settle, visible_texts
 from sessions import session_of
 from texts_on_screen import faults
 
-from app import DATA
 from app.ipc import messages as m
 from app.window import program
 from app.window.main_window import PAGES, SMALLEST, MainWindow
@@ -84,7 +83,7 @@ LIGHTS = {
     "no session": (before(), "Ready", []),
     "a trial": (running(), "No faults", []),
     "paused": (ready(paused=True), "No faults", []),
-    "brakes off by Esc": (ready(brakes_off="Esc"), "No faults", []),
+    "brakes off by Esc": (ready(brakes_off="Esc"), None, []),
     "a break": (ready(stage=m.BREAK), "No faults", []),
     "preparing": (m.Snapshot(m.PREPARING), "One moment …", []),
     "faults": (ready(checks=RED), None, ["Device", "Disk", "Loop", "Recording"]),
@@ -235,7 +234,7 @@ def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> No
 def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_keyboard(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.main.show_settings()
-    assert words.from_home(DATA) in visible_texts(screens.main), "where the next start keeps its sessions"
+    assert words.from_home(screens.client.setup.data_dir) in visible_texts(screens.main)
     sound = next(field for field in screens.main.cards.question.findChildren(QPushButton) if field.text() == "Off")
     sound.setFocus()
     assert "Close  Enter" in visible_texts(screens.main)
@@ -283,7 +282,7 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
     screens.main.show_page(RUN)
     screens.tick(rows[500:])
     screens.hear(ready(1))
-    assert "1 tick came a millisecond or more too late" in screens.run.card.flags.text()
+    assert "1 tick missed" in screens.run.card.flags.text()
 
 
 class OwnWindows(QObject):
@@ -622,13 +621,13 @@ def test_the_card_of_an_earlier_trial_leaves_its_flags_to_no_other(qtbot, screen
     screens.tick(late)
     screens.hear(ready(2, rows=rows))
     card = screens.run.card
-    assert screens.run.card_shown and card.row == rows[1] and "1 tick came" in card.flags.text()
+    assert screens.run.card_shown and card.row == rows[1] and "1 tick missed" in card.flags.text()
     click_trial(screens, rows[0].run)
     screens.hear(ready(2, rows=rows))  # while the recording is read
     qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
-    assert "1 tick came" not in card.flags.text()
+    assert "1 tick missed" not in card.flags.text()
     qtbot.waitUntil(lambda: card.ready, timeout=60_000)
-    assert screens.press(KEY.Key_Space) == [] and card.row == rows[1] and "1 tick came" in card.flags.text()
+    assert screens.press(KEY.Key_Space) == [] and card.row == rows[1] and "1 tick missed" in card.flags.text()
 
 
 def test_another_setup_starts_another_server_while_the_window_goes_on(screens: Screens, monkeypatch) -> None:

@@ -109,7 +109,7 @@ def test_the_order_of_controllers_is_told_by_their_names() -> None:
     ("status", "block", "said"),
     [
         ("aborted", 1, "Trial 3 was aborted: the participant asked."),
-        ("stopped", 1, "Trial 3 stopped: the participant asked. It is repeated next; it can be skipped."),
+        ("stopped", 1, "Trial 3 stopped: the participant asked. It is repeated next."),
         (
             "stopped",
             0,

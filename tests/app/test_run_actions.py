@@ -133,19 +133,19 @@ def test_an_abort_that_nothing_was_written_about_is_withdrawn_when_the_trial_end
 
 #: what the server says -> the head, the line under it, and what Space sends. A table: a row for each state.
 PAGE = {
-    "first": ((ready(),), "Ready", "next: trial 1", [m.Start()]),
+    "first": ((ready(),), "Ready · next: trial 1", "path", [m.Start()]),
     "running": ((running(23),), "Trial 24 of 60", "path", []),
     "second try": (
         (running(2, running=PLAN[1]._replace(run=61), rows=(result(PLAN[0]), result(PLAN[1], "redone"))),),
         "Trial 2 of 60, second try", "three-brake", [],
     ),
     "practice": ((running(0, running=PLAN[0]._replace(block=0), practice=True),), "Practice", "path", []),
-    "paused": ((ready(paused=True),), "Paused", "next: trial 1", []),
-    "red": ((ready(checks=RED),), "Not ready", "next: trial 1", []),
-    "brakes off": ((ready(brakes_off="Esc"),), "Brakes off", "next: trial 1", []),
-    "re-rig": ((ready(30, stage=m.RERIG),), "Not ready", "next: trial 31", [m.Confirm()]),
+    "paused": ((ready(paused=True),), "Paused · next: trial 1", "path", []),
+    "red": ((ready(checks=RED),), "Not ready · next: trial 1", "path", []),
+    "brakes off": ((ready(brakes_off="Esc"),), "Brakes off · next: trial 1", "path", []),
+    "re-rig": ((ready(30, stage=m.RERIG),), "Not ready · next: trial 31", "path", [m.Confirm()]),
     "finished": ((ready(60, stage=m.FINISHED),), "Finished", "Participant 01", []),
-    "failed": ((ready(stage=m.FAILED, notice="No."),), "Stopped", "next: trial 1", []),
+    "failed": ((ready(stage=m.FAILED, notice="No."),), "Stopped · next: trial 1", "path", []),
     "card": ((running(3), ready(4)), "Trial 4 done in 2.4 s", "three-brake", [m.Start()]),
 }  # fmt: skip
 

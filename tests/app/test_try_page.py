@@ -192,9 +192,9 @@ def test_a_setting_has_one_row_with_its_newest_pass_on_each_device_the_newest_on
     held.page.show_snapshot(tried(INITIAL, *passes))
     assert [held.cells(row)[1:6] for row in range(7)] == [
         ["None", "", "1", "4.0", "5.0"], ["SDOF", "", "1", "–", "3.0"], ["SDOF with gap", "gap 8 mm", "1", "1.0", "–"],
-        ["Proportional, high gain", "10\u202f000 N s/m, time-out", "1", "30.0", "–"],
+        ["Proportional, high gain", "10\u202f000 N s/m, time-out", "1", "30", "–"],
         ["SDOF", "changed on the way", "1", "9.0", "–"], ["SDOF", "", "2", "8.0", "–"],
-        ["SDOF", "brake strength 50 %", "1", "10.0", "–"],
+        ["SDOF", "brake strength 50 %", "1", "10", "–"],
     ]  # fmt: skip
     assert held.cells(0)[6:] == ["3.0", "3.0", "40", "40"]
     assert "Pass 10, 2.5 s; four-brake, path 1, settled rules" in held.page.table.item(0, 5).toolTip()

@@ -145,7 +145,7 @@ class LinkageView(ForceView):
         painter.drawLine(left, left + QPointF(wide, 0.0))
         write(painter, left + QPointF(0.5 * wide, -10.0), SCALE_NAME, theme.SMALL, False, COLOURS.quiet)
         if self._assumed:
-            write_from(painter, QPointF(EDGE_PX, low - 6.0), ASSUMED, theme.SMALL, False, COLOURS.caution)
+            write_from(painter, QPointF(EDGE_PX, low - 6.0), ASSUMED, theme.SMALL, False, COLOURS.quiet)
 
     def paint_under_handle(self, painter: QPainter) -> None:
         if (now := self.instant) is None or self.tip is None:

@@ -27,7 +27,7 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.words import LACKING, LEAVE, data_folder_of
+from app.window.widgets.words import LACKING, LEAVE
 from app.window.widgets.work import VerbProcess, Watch
 from core.files import InputError
 from experiments.atomic_files import first_free
@@ -41,7 +41,7 @@ FORMS = {"bids": "BIDS-Motion", "csv": "CSV"}
 
 
 class Recent:
-    """Files or folders that were used last; kept in the user's settings if the application has a name."""
+    """Files that were used last; kept in the user's settings if the application has a name."""
 
     def __init__(self, kind: str) -> None:
         self._kind, self._settings = kind, memory.file()
@@ -58,7 +58,6 @@ class Recent:
 class DataPanel(Panel):
     """The sessions, how far each is, and what can be done with it."""
 
-    folder_chosen = Signal(Path)
     resume_asked = Signal(str)  # participant: take up their session, unfinished or not
     looked = Signal()  # something in the folder has changed
 
@@ -69,13 +68,9 @@ class DataPanel(Panel):
         self.overview: DataOverview | None = None  # None: not looked at yet
         self._why, self._open, self._can_leave, self._opening = "", "", False, ""
         self._folder = Path()  # until the session server says which
-        self.recent = Recent("folders")
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.count = wrapped_label("", "quiet")
-        self.choose = QPushButton("Choose folder …", objectName="small", autoDefault=True)
-        self.choose.setMenu(menu := QMenu(self.choose))
-        menu.aboutToShow.connect(lambda: self._offer(menu))
         self.whole = button("Results of all", lambda: self._page.page_asked.emit(ANALYSE, self._folder))
         self.export_as = QPushButton("Export …", autoDefault=True)
         self.export_as.setMenu(forms := QMenu(self.export_as))
@@ -92,8 +87,8 @@ class DataPanel(Panel):
         self.area = scrolled(holder(self._rows))
         self.area.setFocusPolicy(NO_FOCUS)
         self.setLayout(column(
-            row(text_label("Data", size=theme.HEAD, bold=True), 1, self.choose), self.count,
-            row(self.whole, self.export_as, 1), (self.area, 1), self.exporting,
+            row(text_label("Data", size=theme.HEAD, bold=True), 1, self.whole, self.export_as), self.count,
+            (self.area, 1), self.exporting,
             row(self.bar, self.cancel, self.show_export), spacing=8, margins=PANEL_MARGINS,
         ))  # fmt: skip
         for absent in (self.exporting, self.bar, self.cancel, self.show_export, self.whole, self.export_as):
@@ -103,7 +98,6 @@ class DataPanel(Panel):
         """The data folder of the session server."""
         if folder != self._folder:
             self._folder, self.overview = folder, None
-            self.recent.add(str(folder))
             self._looking.forget()
             self._looking.look()
 
@@ -111,8 +105,6 @@ class DataPanel(Panel):
         """Whose session is open and whether it can be closed, why no other one can be opened now, whose is opening."""
         if (participant, why_not, can_leave, opening) != (self._open, self._why, self._can_leave, self._opening):
             self._open, self._why, self._can_leave, self._opening = participant, why_not, can_leave, opening
-            self.choose.setEnabled(not participant)
-            self.choose.setToolTip(why_not if participant else "")
             self._fill()
 
     def session_of(self, participant: str) -> SessionOverview | None:
@@ -166,15 +158,10 @@ class DataPanel(Panel):
             main.setToolTip(self._why)
         if session.participant == self._opening:
             show_wait(main, "Opening …")
-        if session.participant == self._opening:
-            show_wait(main, "Opening …")
         done = text_label(f"{session.done} of {session.planned}")
         if session.problem or session.declined:
             done.setText("cannot be read" if session.problem else "does not take part")
-        name, when = (
-            OneLine(session.participant, "", theme.NORMAL, bold=True),
-            datetime.fromtimestamp(session.changed_s),
-        )
+        name = OneLine(session.participant, "", theme.NORMAL, bold=True)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
         when = datetime.fromtimestamp(session.changed_s)
         date = text_label(f"{when.day} {when:%b %Y}", "quiet")
@@ -205,23 +192,6 @@ class DataPanel(Panel):
     def _replay(self, session: SessionOverview) -> None:
         recordings = recordings_in(session.folder)
         self._page.page_asked.emit(ANALYSE, recordings[-1] if recordings else session.folder)
-
-    # the folder
-
-    def _offer(self, menu: QMenu) -> None:
-        menu.clear()
-        for path in self.recent.paths:
-            self._entry(menu, path, partial(self._choose, Path(path)), path != str(self._folder))
-        menu.addSeparator()
-        self._entry(menu, "Another folder …", self.browse)
-
-    def browse(self) -> None:
-        chosen = QFileDialog.getExistingDirectory(self, "Data folder", str(self._folder))
-        if chosen:
-            self._choose(Path(chosen))
-
-    def _choose(self, folder: Path) -> None:
-        self.folder_chosen.emit(data_folder_of(folder))
 
     # export
 

@@ -72,7 +72,7 @@ LINE_PX = 32  # high, a line of the form at most
 BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
 SESSION_PX = 760  # wide at most: choices are no easier to read when they are wider
 NEXT_PX = 156  # high, what comes next
-PLAN, MORE, LESS = "Show plan  ›", "More  ›", "Less  ˄"
+PLAN, NO_PLAN, MORE, LESS = "Show plan  ›", "Hide plan  ‹", "More  ›", "Less  ˄"
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
@@ -95,9 +95,6 @@ class HomePage(Page):
         self.editor, self.consent, self.cards = ProtocolEditor(), ConsentPage(), Cards(self)
         self._make_choices()
         self._lay_out()
-        self.data.folder_chosen.connect(
-            lambda folder: self.setup_asked.emit(self.chosen._replace(data_dir=folder, participant=""), None)
-        )
         self.data.resume_asked.connect(self._resume)
         self.consent.answered.connect(self.answer_consent)
         self.data.looked.connect(self._looked)
@@ -168,7 +165,7 @@ class HomePage(Page):
         self.session = panel("Session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
         self.next.setFixedHeight(NEXT_PX)
         beside = holder(column((self.picture, 3), (self.data, 3), self.tried, spacing=theme.GAP))
-        planned = panel("Plan", (self.plan, 1), row(1, button("Close", self._turn_plan)))
+        planned = panel("Plan", (self.plan, 1))
         self.side = stack(beside, planned)
         doing = holder(column(self.next, (self.session, 1), spacing=theme.GAP))
         doing.setMaximumWidth(SESSION_PX)
@@ -188,6 +185,7 @@ class HomePage(Page):
     def _turn_plan(self) -> None:
         """Show the participant's plan in place of the data, or the data again."""
         self.side.setCurrentIndex(1 - self.side.currentIndex())
+        self.show_plan.setText(NO_PLAN if self.side.currentIndex() else PLAN)
 
     def _do_next(self) -> None:
         coming = what_comes_next(self.data.overview, self._session_open)
@@ -433,6 +431,7 @@ class HomePage(Page):
             show_wait(self.start, f"Opening the session of {wanted.participant} …")
         failed = self.snapshot.notice_bad and self.snapshot.stage in (m.NO_SESSION, m.FAILED)
         sentences = [self.snapshot.notice, *reasons] if failed and self.snapshot.notice else reasons
+        theme.set_style(self.why, "quiet" if self.snapshot.stage == m.PREPARING else "caution")
         self.why.setText(breakable("\n".join(sentences)))
         self.why.setVisible(bool(sentences))
 

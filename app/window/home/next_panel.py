@@ -8,7 +8,6 @@ from PySide6.QtWidgets import QProgressBar
 from app.window.widgets import theme
 from app.window.widgets.parts import (
     Panel,
-    breakable,
     button,
     column,
     keep_room,
@@ -66,12 +65,12 @@ class NextPanel(Panel):
     def show_next(self, coming: Next, why_not: str, opening: str) -> None:
         """why_not: why no session can be resumed now, a sentence. opening: whose session is being opened."""
         has_session = coming.kind != TRY
-        left = coming.planned - coming.done
         self.title.setText(f"Participant {coming.participant}" if has_session else TRY_TITLE)
         of = f"{coming.done} of {counted(coming.planned, 'trial')} done"
         self.beside.setText(f"{coming.protocol.capitalize()} · {of}" if coming.planned else "")
-        texts = {TRY: TRY_TEXT, RESUME: f"{counted(left, 'trial')} left.", GO: "The session is open."}
-        self.text.setText(breakable(texts[coming.kind]))
+        texts = {TRY: TRY_TEXT, RESUME: "", GO: "The session is open."}
+        self.text.setText(texts[coming.kind])
+        self.text.setVisible(bool(texts[coming.kind]))
         self.bar.setMaximum(max(coming.planned, 1))
         self.bar.setValue(coming.done)
         self.bar.setVisible(has_session and coming.planned > 0)

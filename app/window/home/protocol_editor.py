@@ -124,7 +124,7 @@ class ProtocolEditor(Panel):
             menu.addSeparator()
         self.sentence.setFixedHeight(SENTENCE_LINES * self.sentence.fontMetrics().lineSpacing())  # nothing moves
         self.sentence.setAlignment(Qt.AlignmentFlag.AlignTop)
-        how = wrapped_label("Every device reaches the dotted area. Lengths in metres.", "quiet")
+        how = wrapped_label("Every device reaches the dotted area.", "quiet")
         right = column((self.picture, 3), how, self.summary, (self.plan, 1), spacing=12)
         buttons = (button("Undo all changes", self.undo), self.save, button("Back  Esc", self.closed.emit))
         head = row(self.title, self.add, 1, *buttons, spacing=12)

@@ -100,7 +100,7 @@ def new_session_blockers(wanted: Wanted) -> list[str]:
     """Why no session of a new participant can begin with this protocol in this folder."""
     if wanted.operators:
         study = f"a study of {counted(wanted.operators, 'simulated operator')}"
-        return [f"This folder holds {study}, which takes no other session. Choose another folder."]
+        return [f"This folder holds {study}, which takes no other session. Choose another folder in the settings."]
     if not isinstance(wanted.loaded, Loaded):
         return ["This protocol cannot be run."]
     known = wanted.loaded.protocol.participants

@@ -1,4 +1,6 @@
-"""The running trial in two measures: path error and tip force, each a number and a curve, and the time."""
+"""The running trial in two measures: path error and tip force, each a number and a curve, and the time since go."""
+
+import math
 
 import numpy as np
 
@@ -39,11 +41,15 @@ class Live:
         """Another trial begins."""
         for trace in (self.error, self.force):
             trace.clear()
+        self._began_s = math.nan  # time of "go"
         self._show_time(NOTHING)
 
     def add(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH), n > 0, of the running trial; the error counts from go to the end."""
-        t = rows[:, tick_log.T]
+        """Ticks (n, WIDTH), n > 0, of the running trial; error and time count from go to the end."""
+        t, moves = rows[:, tick_log.T], rows[rows[:, tick_log.PHASE] == tick_log.MOVE]
+        if len(moves):
+            self._began_s = moves[0, tick_log.T] if math.isnan(self._began_s) else self._began_s
+            self._time_s = moves[-1, tick_log.T] - self._began_s
         self.force.add(t, np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY])[None])
         self.error.add(t, 1e3 * np.abs(rows[:, tick_log.PATH_DISTANCE])[None])
 
@@ -51,8 +57,8 @@ class Live:
         """The values of the last tick that was added."""
         for trace in (self.error, self.force):
             trace.show_newest()
-        if len(self.force.t):
-            self._show_time(f"{self.force.t[-1]:.1f}")
+        if not math.isnan(self._began_s):
+            self._show_time(f"{self._time_s:.1f}")
 
     def rest(self) -> None:
         """The trial is over: its curves and its time stay, and no value is one of now."""

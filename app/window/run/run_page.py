@@ -425,7 +425,7 @@ class RunPage(Page):
             self._write(f"{name} {ended}", told(who, on_card, opened, snapshot.blind))
         elif coming is not None and opened.participant:
             following = f"next: {trial_name(coming, plan, snapshot.rows)}"
-            self._write(large, told(PART.join((who, following)), coming, opened, snapshot.blind))
+            self._write(PART.join((large, following)), told(who, coming, opened, snapshot.blind))
         else:
             self._write(large, who)
 

@@ -17,10 +17,10 @@ ABORT = Ask(
     "abort", "Abort this trial?", "It runs until you answer. Its recording is kept and marked as aborted.", "Abort",
     ("the participant asked", "the participant was distracted", "a fault of the device"),
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
-    leave="Go on",  # Esc takes the brakes off
+    leave="Keep recording",  # Esc takes the brakes off
 )  # fmt: skip
 REDO = Ask(
-    "redo", "Repeat {}?", "It comes next. The recording is kept and marked as redone.", "Repeat",
+    "redo", "Repeat {}?", "It comes next. The recording is kept and marked as repeated.", "Repeat",
     ("the participant was distracted", "the task was not understood", "something disturbed the trial"),
 )  # fmt: skip
 SKIP = Ask(

@@ -16,7 +16,7 @@ from app.window.widgets import theme
 from app.window.widgets.parts import OneLine, column, row, text_label, wrapped_label
 from app.window.widgets.plots import Graph, range_for
 from app.window.widgets.theme import COLOURS, colour_of
-from app.window.widgets.words import in_colour
+from app.window.widgets.words import in_colour, measured
 from experiments.analysis.metrics import DRAWN, Metric
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
@@ -49,7 +49,7 @@ class Measure(QWidget):
         """This trial, the earlier ones of its controller, and those of other controllers on the same device."""
         name, scale = self._metric.name, self._metric.scale
         value = now.value(name)
-        self.value.setText("–" if value is None else f"{scale * value:.3g}")
+        self.value.setText(measured(None if value is None else scale * value))
         ring = pg.mkPen(COLOURS.text, width=2)
         groups = (
             (others, 7, theme.shade(COLOURS.brake_off), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),

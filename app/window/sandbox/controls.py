@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWidget
 
 from app.ipc import messages as m
@@ -34,7 +34,7 @@ from experiments.assumptions import SENSINGS
 from experiments.plan import grouped
 from experiments.protocol import Protocol
 
-RIGHT_PX, NAME_PX, VALUE_PX, GUIDE_PX = 340, 84, 98, 50  # wide; high
+RIGHT_PX, NAME_PX, RARE_PX, VALUE_PX, GUIDE_PX = 340, 84, 104, 98, 50  # wide; high
 #: setting -> what it is
 HINTS = {
     "rules": "How the controller decides. Literal: the paper's rules to the letter, which can hold you fast at rest. "
@@ -101,12 +101,12 @@ class Controls(QScrollArea):
             guide.clicked.connect(partial(self._choose, number))
         devices = {device.name: device.name for device in protocol.devices}
         chosen = [self._segments("device", devices), self._segments("path", {n: str(n) for n in protocol.paths})]
-        rare: list[Part] = [self._segments(name, {one: one.capitalize() for one in among})
+        rare: list[Part] = [self._segments(name, {one: one.capitalize() for one in among}, RARE_PX)
                             for name, among in (("rules", RULE_SETS), ("sensing", SENSINGS))]  # fmt: skip
         own: list[Part] = []
         for dial in dials_of(protocol):
             dial_row = self.dials[dial.name] = DialRow(dial)
-            dial_row.name.setFixedWidth(NAME_PX)
+            dial_row.name.setFixedWidth(RARE_PX if dial in DIALS else NAME_PX)
             dial_row.value.setFixedWidth(VALUE_PX)
             dial_row.setToolTip(HINTS.get(dial.name, ""))
             dial_row.changed.connect(partial(self._turn, dial.name))
@@ -122,13 +122,13 @@ class Controls(QScrollArea):
         parts = (*chosen, *own, self.warning, self.rare, 1, foot)
         self.setWidget(panel("Controller", guides, holder(column(spacing=4)), *parts, spacing=6))
 
-    def _segments(self, field: str, among: Mapping[Any, str]) -> Part:
+    def _segments(self, field: str, among: Mapping[Any, str], name_px: int = NAME_PX) -> Part:
         name, segments = text_label(field.capitalize(), "quiet"), Segments(among, field.capitalize())
         segments.changed.connect(partial(self._turn, field))
         segments.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         for part in (name, segments):
             part.setToolTip(HINTS.get(field, ""))
-        name.setFixedWidth(NAME_PX)
+        name.setFixedWidth(name_px)
         self.segments[field] = segments
         return row(name, segments)
 
@@ -138,6 +138,7 @@ class Controls(QScrollArea):
         """Show what is rarely set, or hide it."""
         self.rare.setVisible(self.rare.isHidden())
         self.more.setText(MORE if self.rare.isHidden() else LESS)
+        QTimer.singleShot(0, lambda: self.ensureWidgetVisible(self.more))  # once it is laid out
 
     def _choose(self, number: int, _clicked: bool = False) -> None:
         """A controller, with the parameters that the protocol gives it."""

@@ -12,13 +12,14 @@ from app.window.sandbox.passes import about, rows_of
 from app.window.widgets import theme
 from app.window.widgets.parts import NO_FOCUS
 from app.window.widgets.theme import COLOURS
+from app.window.widgets.words import measured
 from experiments.protocol import Protocol
 
-#: of a Pass: measure, head, unit, scale, digits
+#: of a Pass: measure, head, unit, scale
 MEASURES = (
-    ("path_error_m", "Path error", "mm", 1e3, 1),
-    ("mean_tip_force_N", "Mean tip force", "N", 1.0, 1),
-    ("acceleration_dft_sum", "DFT of acceleration", "m/s²", 1.0, 0),
+    ("path_error_m", "Path error", "mm", 1e3),
+    ("mean_tip_force_N", "Mean tip force", "N", 1.0),
+    ("acceleration_dft_sum", "DFT of acceleration", "m/s²", 1.0),
 )
 FIXED = ("", "Controller", "Setting", "Path")
 ROWS, ROW_PX, HEAD_PX = 10, 23, 40  # that are seen; high
@@ -48,7 +49,7 @@ class TwoLineHead(QHeaderView):
         names = [theme.text_width(device, theme.SMALL) for device in self.devices]
         heads = [
             theme.text_width(head, theme.SMALL, bold=True) + theme.text_width(f" {unit}", theme.SMALL)
-            for _, head, unit, _, _ in MEASURES
+            for _, head, unit, _ in MEASURES
         ]
         return math.ceil(max([*names, *(head / max(len(names), 1) for head in heads)])) + BESIDE_PX
 
@@ -61,7 +62,7 @@ class TwoLineHead(QHeaderView):
             painter.setFont(theme.font(theme.SMALL))
             shown = painter.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, math.ceil(box.width()))
             painter.drawText(box, RIGHT if across >= len(FIXED) - 1 else LEFT, shown)
-        for place, (_, head, unit, _, _) in enumerate(MEASURES if wide else ()):
+        for place, (_, head, unit, _) in enumerate(MEASURES if wide else ()):
             last = len(FIXED) + (place + 1) * wide - 1
             if self.isSectionHidden(last):
                 continue
@@ -146,7 +147,7 @@ class PassTable(QTableWidget):
         self._fit()
 
 
-def shown(ended: m.Pass | None, measure: str, _head: str, _unit: str, scale: float, digits: int) -> str:
+def shown(ended: m.Pass | None, measure: str, _head: str, _unit: str, scale: float) -> str:
     """A measure of a pass; a dash: not tried yet, or not known."""
     value = ended.measures[measure] if ended is not None else None
-    return "–" if value is None else f"{scale * value:.{digits}f}"
+    return measured(None if value is None else scale * value)

@@ -130,16 +130,17 @@ class Preflight(QWidget):
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         """The checks, and whether the brakes may act."""
+        off, failed = bool(snapshot.brakes_off), snapshot.stage == m.FAILED
         wrong = sorted((c for c in snapshot.checks if c.state != m.GOOD), key=lambda c: ORDER.index(c.state))
+        wrong = [check for check in wrong if not (off and check.text == m.BRAKES_OFF)]  # the button says it
         self._show_pills(wrong)
         theme.set_style(self.mark, "good" if snapshot.checks else "off")
         self.mark.setText("●" if snapshot.checks else "○")
         self.all_well.setText(well(snapshot))
-        self._well.setVisible(not wrong and snapshot.stage != m.FAILED)
+        self._well.setVisible(not wrong and not off and not failed)
         about = [f"{check.name}: {check.text}" for check in snapshot.checks]
         self._well.setToolTip("\n".join([*about, "A click (F3) shows the device page."]))
         self.fit_words()
-        off, failed = bool(snapshot.brakes_off), snapshot.stage == m.FAILED
         theme.set_style(self.brakes, "brakes-off" if off or failed else "brakes")
         self.brakes.setText(ARE_OFF if failed else ALLOW if off else OFF)
         self.brakes.setEnabled(not failed and (not off or snapshot.can_allow))

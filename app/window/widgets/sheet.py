@@ -61,12 +61,13 @@ QPushButton#link { background: transparent; border: 1px solid transparent; color
 QPushButton#link:hover, QPushButton#link:focus { border-color: $accent; }
 QPushButton#link:disabled { color: $brake_off; }
 QLineEdit, QComboBox, QPlainTextEdit { background: $ground; border: 1px solid $line; border-radius: 5px;
-    padding: 5px 8px; selection-background-color: $accent_ground; placeholder-text-color: $quiet; }
+    padding: 5px 8px; selection-background-color: $accent_ground; selection-color: $text;
+    placeholder-text-color: $quiet; }
 QComboBox::drop-down { border: none; width: 22px; }
 QLineEdit:focus, QComboBox:focus, QPlainTextEdit:focus { border-color: $accent; }
 QLineEdit:disabled, QComboBox:disabled { color: $quiet; background: $panel; placeholder-text-color: $brake_off; }
 QComboBox QAbstractItemView { background: $panel; border: 1px solid $line;
-    selection-background-color: $accent_ground; }
+    selection-background-color: $accent_ground; selection-color: $text; }
 QScrollArea { border: none; background: transparent; }
 QScrollBar:vertical { background: transparent; width: 8px; margin: 0; }
 QScrollBar::handle:vertical { background: $line; border-radius: 4px; min-height: 24px; }

@@ -197,6 +197,11 @@ def clock(seconds: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
+def measured(value: float | None) -> str:
+    """A measure of a trial, in two digits or more; a dash: there is none."""
+    return "–" if value is None else f"{value:.{int(value < 10.0)}f}"
+
+
 def in_colour(text: str, colour: str) -> str:
     """A text as HTML; no line ends within a unit such as m/s."""
     return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
