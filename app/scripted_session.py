@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import pandas as pd
 
+from app.frames import Frame
 from app.progress import watch_compiling
 from core import tick_log
 from core.device import Device
@@ -53,10 +54,10 @@ class HandTick(NamedTuple):
 
     time_s: float  # since the trial began
     phase: str  # "approach", "hold" (at the start), "move" or "end"
-    tip_m: tuple[float, float]
-    velocity_m_s: tuple[float, float]
-    start_m: tuple[float, float]  # of the path
-    end_m: tuple[float, float]
+    tip_m: tuple[float, float]  # (x, y) of the handle
+    velocity_m_s: tuple[float, float]  # (x, y)
+    start_m: tuple[float, float]  # (x, y), of the path
+    end_m: tuple[float, float]  # (x, y), of the path
 
 
 #: A hand as a function: the force (x, y), N, for the next millisecond.
@@ -137,7 +138,7 @@ class Session:
 
     def _table(self, rows: Iterable[TrialRow]) -> pd.DataFrame:
         place = self.folder.relative_to(self.data_folder).as_posix()
-        return as_table(row.in_folder(place) for row in rows)
+        return Frame(as_table(row.in_folder(place) for row in rows))
 
     def _next(self) -> PlannedTrial | None:
         if self._stored is None:

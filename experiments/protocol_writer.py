@@ -1,12 +1,14 @@
 """Writes protocol files: TOML that `experiments.protocol` reads."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
+from core.device import Device, load_device
 from core.drawn_path import DRAWING
 from core.files import InputError, toml_text
 from experiments.atomic_files import reason_of, replace_file, write_new_file
@@ -40,9 +42,21 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
     Options, devices and brakes are part of it. Instructions, a translation and the calibration of a force sensor are
     left out: a simulated operator needs none.
     """
+    content = _without_files(protocol) | {
+        "name": name,
+        "rules": protocol.rules,
+        "seed": protocol.seed,
+        "assumptions": msgspec.to_builtins(protocol.assumptions),
+        **_with_brakes(protocol.devices),
+    }
+    return about + toml_text(content)
+
+
+def _with_brakes(used: Sequence[Device]) -> dict[str, Any]:
+    """The part of a protocol's file that names devices and holds them and their brakes."""
     brakes: dict[str, dict[str, Any]] = {}  # by their text
     devices = []
-    for device in protocol.devices:
+    for device in used:
         content = tomllib.loads(device.text)
         for joint, reference in content["brakes"].items():
             text = device.brake_texts[reference]
@@ -55,16 +69,39 @@ def whole_text(protocol: Protocol, name: str, about: str) -> str:
         if device.calibration_text is not None:
             del content["sensing"]["force"]["calibration"]
         devices.append(content)
-    content = _without_files(protocol) | {
+    return {"devices": [device.name for device in used], "device": devices, "brake": list(brakes.values())}
+
+
+def protocol(
+    name: str,
+    devices: Sequence[str | Path | Device],
+    paths: Sequence[Mapping[str, Any] | np.ndarray],
+    controllers: Sequence[Mapping[str, Any]],
+    **keys: Any,
+) -> Protocol:
+    """A protocol from values. `.text` is its file, which holds its devices and brakes.
+
+    devices: shipped names, files, or as `device` gives them. paths: of each its keys in a protocol file ({"kind":
+    "segment", "start_m": (x, y), "end_m": (x, y)}), or its points, array (n, 2), m. controllers: of each its keys
+    ({"name": "Soft guide", "kind": "proportional", "gain_N_s_m": 300.0}). keys: any others of a protocol file (seed,
+    repetitions, trial, ..), which names units and ranges. InputError where no such experiment can be.
+    """
+    found = [device if isinstance(device, Device) else load_device(device) for device in devices]
+    content = {
         "name": name,
-        "devices": [device.name for device in protocol.devices],
-        "rules": protocol.rules,
-        "seed": protocol.seed,
-        "assumptions": msgspec.to_builtins(protocol.assumptions),
-        "device": devices,
-        "brake": list(brakes.values()),
+        **keys,
+        **_with_brakes(found),
+        "path": [
+            _plain(path if isinstance(path, Mapping) else {"kind": "polyline", "points_m": path}) for path in paths
+        ],
+        "controller": [_plain(controller) for controller in controllers],
     }
-    return about + toml_text(content)
+    return read_protocol(protocol_text(content), Path(), f"protocol {name}")
+
+
+def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A table with the numbers of its arrays, tuples and lists as Python's."""
+    return {key: value if isinstance(value, Mapping) else np.asarray(value).tolist() for key, value in table.items()}
 
 
 def _without_files(protocol: Protocol) -> dict[str, Any]:

@@ -7,7 +7,9 @@ that a phase of a trial begins. Times are LSL's: the steady clock of the loop pl
 
 import json
 import os
+import shlex
 import socket
+import sys
 import threading
 import time
 import zlib
@@ -36,16 +38,24 @@ CODES = {
 }
 
 
+def load_pylsl() -> Any:
+    """The library. InputError: it is not there, and what to type."""
+    try:
+        import pylsl
+    except (ImportError, RuntimeError) as error:  # RuntimeError: it finds no liblsl
+        problem = "pylsl is not installed" if isinstance(error, ImportError) else "pylsl finds no library liblsl"
+        raise InputError(
+            f"--lsl: {problem}. Type: {shlex.join([sys.executable, '-m', 'pip', 'install', 'pylsl'])}"
+        ) from None
+    return pylsl
+
+
 class Outlets:
     """Both streams, open until the process ends."""
 
     def __init__(self, ring: Ring, real: bool, data_dir: Path) -> None:
         """real: the ticks are those of a device on the bench. InputError: pylsl is not there."""
-        try:
-            import pylsl
-        except (ImportError, RuntimeError) as error:  # RuntimeError: it finds no liblsl
-            problem = "pylsl is not installed" if isinstance(error, ImportError) else "pylsl finds no library liblsl"
-            raise InputError(f'--lsl: {problem}; "pip install pylsl" in the program\'s .venv puts both there') from None
+        pylsl = load_pylsl()
         if "LSLAPICFG" not in os.environ and not any(file.exists() for file in SETTINGS):
             pylsl.set_config_content(ONLY_ERRORS)
         self._ring, self._real, self._clock = ring, real, pylsl.local_clock

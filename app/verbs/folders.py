@@ -19,6 +19,7 @@ from app.verbs.common import (
 from core.files import InputError
 from core.own_consent import OPTION
 from experiments.numbers import percent
+from experiments.protocol_file import Export
 
 #: Any of these: no window.
 HEADLESS = ("controller", "device", "out", "json")
@@ -76,6 +77,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--compress", action="store_true", help=compress)
     shift = "dates of the BIDS data set to before 1925, by the same random number of days for all of one participant"
     option("--shift-dates", action="store_true", help=shift)
+    author = "of the BIDS data set; may be given repeatedly. Authors and licence are kept for the next export"
+    option("--author", action="append", default=[], metavar="NAME", help=author)
+    licence = "of the BIDS data set, such as CC0-1.0 (default of both: what the protocol says, else what was kept)"
+    option("--licence", "--license", default="", metavar="NAME", help=licence)
     option = add_verb(
         verbs, "verify", verify_verb,
         "check that nothing in a folder was changed or lost, and that every recording is whole\n"
@@ -111,10 +116,28 @@ def export_verb(args: argparse.Namespace) -> None:
         raise InputError("--compress: is for --csv OUT; BIDS has its recordings uncompressed")
     if args.shift_dates and (args.bids is None or args.csv is not None):
         raise InputError("--shift-dates: is for --bids OUT alone; CSV has the dates as they were")
+    if (args.author or args.licence) and args.bids is None:
+        raise InputError("--author and --licence: are for --bids OUT")
+    from experiments.export.bids import AS_PROTOCOLS_SAY, BidsOptions
     from experiments.export.export import export
 
-    summary = with_progress("exporting", export, args.dir, outs, args.compress, args.shift_dates)
+    said = Export(authors=tuple(args.author), license=args.licence)
+    options = BidsOptions(args.shift_dates, said, kept_of_exports(said)) if args.bids else AS_PROTOCOLS_SAY
+    summary = with_progress("exporting", export, args.dir, outs, args.compress, options)
     print_result(args, summary, summary_text(summary))
+
+
+def kept_of_exports(said: Export) -> Export:
+    """What was said of earlier data sets, and is now, from the settings; nothing where they cannot be read."""
+    try:
+        memory = import_window_module("widgets.memory")
+    except InputError:  # a library of the window is missing, which this verb does not need
+        return said
+    memory.begin()
+    for key, value in ((memory.AUTHORS, "\n".join(said.authors)), (memory.LICENCE, said.license)):
+        if value:
+            memory.remember(key, value)
+    return Export(tuple(memory.remembered(memory.AUTHORS).splitlines()), memory.remembered(memory.LICENCE))
 
 
 def verify_verb(args: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.progress import ScreenCheck, import_window_module, watch_compiling
+from app.session_server.lsl import load_pylsl
 from app.session_server.preflight import ignored_features
 from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
 from app.window.widgets import palette
@@ -72,6 +73,8 @@ def run(args: argparse.Namespace) -> int | None:
         plan_verb(args)
         return None
     link = checked_link(port, args.force)
+    if args.lsl:
+        load_pylsl()  # InputError: before any window
     display = ScreenCheck("open a window on")
     devices = tuple(map(absolute_or_name, args.device)) if args.device else None
     setup = Setup(

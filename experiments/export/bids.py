@@ -84,12 +84,22 @@ _SHIFTED = (
 _PERSON = ("participant_id", "species", "age", "sex", "handedness")  # BIDS's own columns; a form may fill them
 
 
+class BidsOptions(NamedTuple):
+    """How a BIDS data set is written."""
+
+    shift_dates: bool = False  # to before 1925, by days drawn for each participant and not stored
+    said: Export = Export()  # of the data set, in place of what protocols say
+    usual: Export = Export()  # what protocols do not say
+
+
+AS_PROTOCOLS_SAY = BidsOptions()
+
+
 class BidsDataset:
     """A BIDS export in a folder that exists and is empty."""
 
-    def __init__(self, folder: Path, shift_dates: bool) -> None:
-        """shift_dates: to before 1925, by days drawn for each participant and not stored."""
-        self.folder, self._shift_dates = folder, shift_dates
+    def __init__(self, folder: Path, options: BidsOptions) -> None:
+        self.folder, self._options = folder, options
         self._shifts: dict[str, timedelta] = {}  # subject -> of its dates
         self._hands: dict[str, str] = {}  # subject -> hand
         self._scans: dict[tuple[str, str], list[dict[str, str]]] = {}
@@ -122,7 +132,7 @@ class BidsDataset:
             begun = datetime.fromisoformat(trial.begun).astimezone(UTC)
         except ValueError:
             return MISSING
-        if self._shift_dates:
+        if self._options.shift_dates:
             first = timedelta(days=begun.toordinal() - _SHIFTED_FROM - secrets.randbelow(_SHIFTED_DAYS))
             begun -= self._shifts.setdefault(trial.subject, first)
         return f"{begun:%Y-%m-%dT%H:%M:%S.%f}Z"
@@ -153,12 +163,14 @@ class BidsDataset:
                 "BIDSVersion": BIDS_VERSION,
                 "DatasetType": "raw",
                 "GeneratedBy": [{"Name": "phd", "Version": phd}],
+                **_described(self._options.usual),
                 **_from_protocols(protocols),
+                **_described(self._options.said),
             },
         }
         for name, content in about.items():
             write_json(self.folder / name, content)
-        shifted = _SHIFTED if self._shift_dates else b""
+        shifted = _SHIFTED if self._options.shift_dates else b""
         (self.folder / "README.md").write_bytes(exported.readme("bids") + shifted)
 
     def _write_scans(self, own: Mapping[str, DictionaryEntry]) -> None:
@@ -209,8 +221,13 @@ def _from_protocols(protocols: Mapping[Path, StoredSession]) -> dict[str, Any]:
             f"{' and '.join(map(str, folders.values()))}: their protocols differ in [export], and a data set says one "
             "thing"
         )
+    return {key: value for export in folders for key, value in _described(export).items()}
+
+
+def _described(export: Export) -> dict[str, Any]:
+    """What is said of a data set, by the keys of dataset_description.json."""
     keys = {"authors": "Authors", "license": "License", "hed_version": "HEDVersion"}
-    return {key: value for export in folders for name, key in keys.items() if (value := getattr(export, name))}
+    return {key: value for name, key in keys.items() if (value := getattr(export, name))}
 
 
 def _answer(answer: str | float) -> str:

@@ -27,7 +27,7 @@ from experiments.analysis.trials_table import (
     write_table,
 )
 from experiments.atomic_files import new_folders
-from experiments.export.bids import BidsDataset
+from experiments.export.bids import AS_PROTOCOLS_SAY, BidsDataset, BidsOptions
 from experiments.export.files import (
     DECISION_READING,
     PHASE_LEVELS,
@@ -60,12 +60,12 @@ _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 
 
 def export(
-    folder: Path, outs: dict[str, Path], compress: bool = False, shift_dates: bool = False,
+    folder: Path, outs: dict[str, Path], compress: bool = False, bids: BidsOptions = AS_PROTOCOLS_SAY,
     progress: Progress = no_progress,
 ) -> dict:  # fmt: skip
     """Write a data folder's recordings into new or empty folders, form ("bids", "csv") -> folder; the summary.
 
-    One recording at a time is in memory. compress: the recordings of the CSV by gzip. shift_dates: of the BIDS.
+    One recording at a time is in memory. compress: the recordings of the CSV by gzip.
 
     InputError if there is nothing to export or a folder cannot be used; then, and after any error, nothing is left.
     """
@@ -82,7 +82,7 @@ def export(
     trials = 0
     with _new_folders(outs) as partial:
         forms = [
-            BidsDataset(place, shift_dates) if form == "bids" else CsvTables(place, compress)
+            BidsDataset(place, bids) if form == "bids" else CsvTables(place, compress)
             for form, place in partial.items()
         ]
         for number, path in enumerate(paths, start=1):

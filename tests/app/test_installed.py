@@ -12,6 +12,7 @@ from setuptools import Distribution
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("core", "hardware", "experiments", "app")
+STUBS = Path("phd-stubs/__init__.pyi")
 #: The firmware is built from the source tree alone.
 SOURCES = {
     file.relative_to(ROOT)
@@ -42,7 +43,13 @@ def test_every_file_of_the_packages_is_installed_and_the_command_is_the_one_of_t
     installed = {Path(file) for _, _, file in build.find_all_modules()}
     installed |= {Path(folder, name) for _, folder, _, names in build.data_files for name in names}
     assert sorted(SOURCES - {Path(file) for file in installed}) == []
-    assert Path("phd.py") in installed and PROJECT["scripts"] == {"phd": "app.cli:main"}
+    assert {Path("phd.py"), STUBS} <= installed and PROJECT["scripts"] == {"phd": "app.cli:main"}
+
+
+def test_type_checkers_read_the_names_of_the_door_and_each_package_is_typed():
+    door, stubs = (ast.parse((ROOT / file).read_text(encoding="utf-8")) for file in ("phd.py", STUBS))
+    assert list(map(ast.dump, door.body[1:])) == list(map(ast.dump, stubs.body))
+    assert all(Path(package, "py.typed") in SOURCES for package in PACKAGES)
 
 
 def test_every_library_that_the_program_imports_is_one_that_it_asks_for():

@@ -1,7 +1,7 @@
 """Ticks and markers for other recorders, as an inlet of the Lab Streaming Layer gets them."""
 
 import json
-import os
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,11 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from live import live_window
-from processes import gone
+from refusals import refusal
 from waiting import LONG_S, wait_until
 
 from app.ipc import messages as m
-from app.ipc.client import Client
 from app.ipc.messages import Setup
 from app.ipc.ring import MOST_BEHIND_NS, Ring
 from app.session_server.lsl import MARKERS, TICKS, Outlets
@@ -163,15 +162,11 @@ def test_streams_that_fail_are_given_up_and_say_so(streams: SimpleNamespace, mon
     assert streams.outlets.failure == "The LSL streams have ended (no more). The recording goes on."
 
 
-def test_streams_that_cannot_be_are_refused_before_anything_is_written(tmp_path, monkeypatch) -> None:
-    (tmp_path / "pylsl.py").write_text("raise ImportError")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    client = Client(Setup(tmp_path / "data", real_time=False, lsl=True))
-    wait_until(lambda: client.refused() or not client.alive)
-    assert client.refused().startswith('--lsl: pylsl is not installed; "pip install pylsl" in the program')
-    assert [said.stage for said in client.receive()] == [m.FAILED] and not client.alive
-    client.stop("")
-    assert gone(client.pid) and not (tmp_path / "data").exists()
+def test_without_pylsl_the_terminal_says_what_to_type_and_nothing_is_written(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setitem(sys.modules, "pylsl", None)
+    told = refusal(capsys, "run", "--lsl", "--data-dir", tmp_path / "data")
+    assert told == f"phd: --lsl: pylsl is not installed. Type: {sys.executable} -m pip install pylsl\n"
+    assert not (tmp_path / "data").exists()
 
 
 def test_an_inlet_gets_every_tick_of_a_trial_with_its_time_and_markers_in_order(lsl, tmp_path: Path) -> None:

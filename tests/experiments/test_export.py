@@ -115,6 +115,18 @@ def test_what_the_protocol_says_of_the_data_set_stands_in_it_and_the_validator_n
     assert not (tmp_path / "both").exists()
 
 
+def test_authors_and_licence_of_the_command_are_kept_for_the_next_export(study, tmp_path):
+    def described(*options: str) -> dict:
+        out = tmp_path / f"bids-{len(list(tmp_path.iterdir()))}"
+        assert main(["export", str(study), "--bids", str(out), *options]) == 0
+        about = json.loads((out / "dataset_description.json").read_text())
+        return {key: about.get(key) for key in ("Authors", "License")}
+
+    said = {"Authors": ["A. Author", "B. Author"], "License": "CC0-1.0"}
+    assert described("--author", "A. Author", "--author", "B. Author", "--licence", "CC0-1.0") == said
+    assert described("--author", "C. Author") == {"Authors": ["C. Author"], "License": "CC0-1.0"} == described()
+
+
 def test_shifted_dates_lie_before_1925_and_keep_time_of_day_and_what_is_between(study, exported, tmp_path, capsys):
     out = tmp_path / "shifted"
     assert main(["export", str(study), "--bids", str(out), "--shift-dates"]) == 0

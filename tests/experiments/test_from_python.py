@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 import re
 import subprocess
 import sys
@@ -18,10 +19,12 @@ from hypothesis import strategies as st
 from protocols import short
 
 import phd
+from app.frames import Frame
 from app.progress import CompileProgress
 from core.kernels.cache import watchers
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import read_table
+from experiments.protocol import load_protocol, protocol_to_json
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import simulate
 from experiments.study.study import run_study
@@ -98,7 +101,7 @@ def test_on_first_use_stderr_says_which_kernel_of_how_many_is_compiled(monkeypat
         assert [type(watcher) for watcher in watchers] == [CompileProgress]
         raise Seen
 
-    monkeypatch.setattr("phd.load_kernels", compiles)
+    monkeypatch.setattr("app.frames.load_kernels", compiles)
     try:
         for call in (lambda: phd.run_study("paper", operators=1), lambda: phd.replay("none")):
             watchers.clear()
@@ -113,7 +116,13 @@ def test_the_door_has_few_names_and_each_is_explained():
     assert all(getattr(phd, name).__doc__ for name in phd.__all__)
 
 
-def test_the_snippet_of_the_readme_and_the_notebook_run(monkeypatch: pytest.MonkeyPatch):
+def test_the_suite_tests_what_the_wheel_holds_and_nothing_of_the_tree():
+    place = Path(os.environ.get("PHD_WHEEL", ROOT)).resolve()
+    ours = [one.__file__ for name, one in sys.modules.items() if name.partition(".")[0] in ("phd", "app", "core")]
+    assert len(ours) > 20 and all(Path(file).resolve().is_relative_to(place) for file in ours if file)
+
+
+def test_the_snippet_of_the_readme_and_the_notebook_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """With one operator in place of six."""
     (snippet,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert len(snippet.splitlines()) <= 10
@@ -121,7 +130,7 @@ def test_the_snippet_of_the_readme_and_the_notebook_run(monkeypatch: pytest.Monk
     cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"), "it is shown executed"
     matplotlib.use("Agg")
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(tmp_path)
     for code in (snippet, "\n".join(cells)):
         exec(code.replace("operators=6", "operators=1"), {})
 
@@ -167,6 +176,29 @@ def test_a_device_that_cannot_be_is_refused():
     ]:
         with pytest.raises(phd.InputError, match=why):
             phd.device(*values)
+
+
+def test_a_protocol_from_values_is_the_one_of_its_toml_and_runs(tmp_path: Path):
+    brakes = tomllib.loads((ROOT / "core/brake_files/mrb-2107-3.toml").read_text()) | {"name": "mine"}
+    device = phd.device((0.3,) * 4, ((-0.05, 0.0), (0.05, 0.0)), {"A": brakes, "B": "mrb-2107-3"}, name="small")
+    line = {"kind": "segment", "start_m": np.array([-0.1, 0.4]), "end_m": (0.1, 0.4), "number": 3}
+    bow = np.column_stack([np.linspace(-0.1, 0.1, 9), 0.4 + 0.02 * np.cos(np.linspace(-1.5, 1.5, 9))])
+    guides = [{"name": "None", "kind": "none"}, {"name": "Soft", "kind": "proportional", "gain_N_s_m": np.float64(300)}]
+    made = phd.protocol("mine", [device, "four-brake"], [line, bow], guides, seed=5, trial={"hold_s": 0.2})
+    (file := tmp_path / "mine.toml").write_text(made.text)
+    read = load_protocol(file)
+    assert protocol_to_json(read) == protocol_to_json(made) and (read.paths, read.trial) == (made.paths, made.trial)
+    assert made.paths[3].start_m == (-0.1, 0.4) and made.trial.hold_s == 0.2
+    assert [one.braked for one in made.devices] == ["AB", "AEBC"] and made.controllers[2].value("gain_N_s_m") == 300.0
+    pd.testing.assert_frame_equal(phd.run_study(made, 1, seed=2), phd.run_study(file, 1, seed=2))
+    with pytest.raises(phd.InputError, match="protocol mine: path 1"):
+        phd.protocol("mine", ["three-brake"], [[(0.0, 0.4)]], guides)
+
+
+def test_a_frame_shows_all_of_its_columns():
+    frame = Frame(np.zeros((2, 60)), columns=[f"column_{n}" for n in range(60)])
+    for shown in (repr(frame), repr(frame.head()), frame._repr_html_()):
+        assert "..." not in shown and all(f"column_{n}" in shown for n in range(60))
 
 
 def test_every_name_and_member_of_the_door_is_explained():

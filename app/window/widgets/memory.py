@@ -7,10 +7,14 @@ from app import DATA
 #: keys, and what holds before the user has chosen
 DARK_OR_LIGHT, SIZE, SOUND = "theme", "size", "sound"
 SCREEN, DATA_FOLDER = "participant_screen", "data_folder"
+AUTHORS, LICENCE = "authors", "licence"  # of exports; authors one a line
 OTHER_SCREEN, NO_SCREEN = "", "none"  # of the participant's screen; else its name
 ON, OFF = "on", "off"  # of the sound
 SIZES = "0.9", "1.0", "1.15", "1.3", "1.5"  # times that of the design
-_DEFAULTS = {DARK_OR_LIGHT: "dark", SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA)}
+_DEFAULTS = {
+    DARK_OR_LIGHT: "dark", SIZE: "1.0", SCREEN: OTHER_SCREEN, SOUND: ON, DATA_FOLDER: str(DATA), AUTHORS: "",
+    LICENCE: "",
+}  # fmt: skip
 
 
 def begin() -> None:

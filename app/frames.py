@@ -1,0 +1,205 @@
+"""Studies, scenes, recordings and replays as pandas frames, with the units of their columns in `attrs["units"]`."""
+
+import tempfile
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from app.progress import ProgressBar, watch_compiling
+from core.device import Device
+from core.files import InputError
+from experiments.analysis.charts import boxes as _boxes
+from experiments.analysis.metrics import BY_NAME, Metric
+from experiments.analysis.own_measures import own_metrics, recorded_metrics
+from experiments.analysis.statistics import Result, configurations_of
+from experiments.analysis.statistics import statistics as _statistics
+from experiments.analysis.trials_table import DICTIONARY, as_table, complete, own_columns, read_table
+from experiments.export.files import RECORDING, own_columns_described
+from experiments.protocol import Protocol, load_protocol, read_protocol
+from experiments.simulate.scene import read_scene, scene_file
+from experiments.simulate.simulate import simulate
+from experiments.store.files import TABLE, pooled_rows, sessions_in
+from experiments.store.own_code import allow_code, unallowed_code
+from experiments.store.reader import read_recording
+from experiments.study.replay import Replacement
+from experiments.study.replay import replay as _replay
+from experiments.study.unrecorded import study_in_processes, with_low_gain_found
+from experiments.trial.population import USUAL, load_population
+from experiments.trial.real_trial import load_kernels
+
+
+class Frame(pd.DataFrame):
+    """A pandas frame that shows all of its columns, each in full."""
+
+    @property
+    def _constructor(self) -> type["Frame"]:
+        return Frame
+
+    def __repr__(self) -> str:
+        with pd.option_context("display.max_columns", None, "display.max_colwidth", None):
+            return super().__repr__()
+
+    def _repr_html_(self) -> str | None:
+        with pd.option_context("display.max_columns", None, "display.max_colwidth", None):
+            return super()._repr_html_()
+
+
+def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFrame:
+    """Simulate a scene (see `phd simulate`): a row an output interval, as the verb writes them.
+
+    scene: a shipped name ("locked-brake", "guarded", "switching"), a file, or its text (several lines), whose paths are
+    then relative to `folder` (default: the current one).
+    attrs["summary"]: what the verb prints; its warnings are raised as Python's.
+    """
+    watch_compiling()
+    with tempfile.TemporaryDirectory() as temporary:
+        out = Path(temporary) / "motion.csv"
+        text = str(scene) if "\n" in str(scene) else None
+        read = read_scene(scene_file(scene)) if text is None else read_scene(Path(folder or ".") / "scene", text)
+        summary = simulate(read, out)
+        frame = Frame(pd.read_csv(out, keep_default_na=False, na_values={}))
+    for warning in summary.pop("warnings"):
+        warnings.warn(warning, stacklevel=2)
+    units = {name: RECORDING[name].unit if name in RECORDING else "" for name in frame}
+    frame.attrs = {"units": units, "summary": summary}
+    return frame
+
+
+def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
+    protocol: str | Path | Protocol = "paper",
+    operators: int = 3,
+    population: str | Path = USUAL,
+    devices: Sequence[str | Path | Device] | None = None,
+    n_jobs: int = 1,
+    progress: bool = False,
+    **overrides: Any,
+) -> pd.DataFrame:
+    """The trials of a study of simulated operators, a row each, without recordings: the numbers of `phd study`.
+
+    protocol, population, devices: shipped names, files; a protocol also as `protocol` gives it, devices as `device` and
+    `load_device`.
+    operators: how many people.
+    n_jobs: processes, -1: one a core; the numbers are the same. progress: a bar on stderr.
+    overrides: seed, rules, low_gain, sensing in place of the protocol's. InputError for wrong input.
+    """
+    if n_jobs == 0 or n_jobs < -1 or operators < 1:
+        raise InputError("n_jobs must be at least 1, or -1 for one a core, and operators at least 1")
+    people = load_population(population)
+    watch_compiling()
+    load_kernels()
+    if isinstance(protocol, Protocol):
+        asked = read_protocol(protocol.text, Path(), protocol.name, devices, **overrides)
+    else:
+        asked = load_protocol(protocol, devices=devices, **overrides)
+    chosen = with_low_gain_found(asked, people)
+    own_metrics(chosen)  # InputError: its own measures cannot be used
+    bar = ProgressBar("simulating") if progress else None
+    rows = []
+    for number, those in enumerate(study_in_processes(chosen, people, operators, n_jobs), start=1):
+        rows += those
+        if bar is not None:
+            bar(number / operators)
+    if bar is not None:
+        bar.close()
+    trials = as_table(rows)
+    return _with_units(trials, {metric.name: metric.unit for metric in own_metrics(chosen)})
+
+
+def load_trials(folder: str | Path) -> pd.DataFrame:
+    """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value.
+
+    folder: of a study, of sessions, or a trials.csv. InputError: it holds none.
+    """
+    path = Path(folder)
+    sessions = sessions_in(path).folders if path.is_dir() and not (path / TABLE).exists() else []
+    trials = as_table(pooled_rows(path)) if sessions else read_table(path / TABLE if path.is_dir() else path)
+    sessions = sorted(path.glob("sub-*/ses-*")) if own_columns(trials) else []
+    return _with_units(trials, {name: entry.unit for name, entry in own_columns_described(sessions).items()})
+
+
+def load_recording(file: str | Path) -> pd.DataFrame:
+    """The ticks of a recording, a row a millisecond; texts (phase, decision, stuck) as categories.
+
+    file: run-*.parquet of a session. attrs: metadata, outcome. InputError if it is damaged or was cut off.
+    """
+    recording = read_recording(file)
+    if not recording.whole:
+        raise InputError(f"{file}: {recording.faults}")
+    frame = Frame(
+        {
+            name: pd.Categorical.from_codes(values.astype(int), list(recording.words[name]))
+            if name in recording.words
+            else values
+            for name, values in recording.columns.items()
+        }
+    )
+    units = {name: RECORDING[name].unit for name in frame}
+    frame.attrs = {"units": units, "metadata": recording.metadata, "outcome": recording.outcome}
+    return frame
+
+
+def replay(
+    file: str | Path, controller: int | None = None, device: str | None = None, run_own_code: bool = False
+) -> pd.DataFrame:
+    """Each measure of a recorded trial, before and after its hand is simulated once more (see `phd replay`).
+
+    file: run-*.parquet of a session. controller: by its number in the protocol; device: a shipped name or a file; None:
+    the recorded ones. attrs["summary"]: what the verb prints.
+    run_own_code: controllers and measures that the session's folder holds may run, now and later.
+    """
+    if run_own_code:
+        allow_code(unallowed_code(Path(file).absolute().parent.parent).values())
+    watch_compiling()
+    load_kernels()
+    summary = _replay(file, Replacement(controller, device))
+    frame = Frame.from_dict(summary["metrics"], orient="index", columns=["before", "after", "change"])
+    for warning in summary["warnings"]:
+        warnings.warn(warning, stacklevel=2)
+    measures = BY_NAME | {metric.name: metric for metric in recorded_metrics(read_recording(file).metadata)}
+    frame.attrs = {"units": {name: measures[name].unit for name in frame.index}, "summary": summary}
+    return frame
+
+
+def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit.
+
+    trials: as `run_study` and `load_trials` give them. measure: its column, as "path_error_m". InputError: there is no
+    such column.
+    """
+    trials, metric = complete(trials), _metric(measure, trials)
+    found = _boxes(trials, metric, configurations_of(trials))
+    index = pd.MultiIndex.from_tuples(list(found), names=["controller", "configuration"])
+    frame = Frame([box._asdict() for box in found.values()], index=index).sort_index()
+    numbers = ["median", "q1", "q3", "low", "high"]
+    frame[numbers] = frame[numbers] / metric.scale
+    frame["outliers"] = [tuple(value / metric.scale for value in values) for values in frame["outliers"]]
+    frame.attrs = {"units": dict.fromkeys((*numbers, "outliers"), metric.unit)}
+    return frame
+
+
+def statistics(trials: pd.DataFrame) -> pd.DataFrame:
+    """The statistics of `phd analyze`, a row each: means, Friedman, each pair of controllers, trends, speed.
+
+    trials: as `run_study` and `load_trials` give them.
+    """
+    return Frame(_statistics(complete(trials)), columns=list(Result._fields))
+
+
+def _metric(name: str, trials: pd.DataFrame) -> Metric:
+    known = [*BY_NAME, *own_columns(trials)]
+    if name not in known:
+        raise InputError(f"there is no measure {name!r}; there are {', '.join(known)}")
+    unit = trials.attrs.get("units", {}).get(name, "")
+    return BY_NAME.get(name) or Metric(name, unit, name, name, name, lambda _: None, unit)
+
+
+def _with_units(trials: pd.DataFrame, own: Mapping[str, str]) -> pd.DataFrame:
+    """own: unit of each measure of the experiment's own file."""
+    frame = Frame(trials)
+    frame.attrs = {
+        "units": {name: DICTIONARY[name].unit if name in DICTIONARY else own.get(name, "") for name in trials}
+    }
+    return frame
