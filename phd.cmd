@@ -2,7 +2,7 @@
 rem The launcher on Windows: finds Python, sets the tree up on first use, then becomes the command phd (see app\set_up.py).
 rem
 rem   .\phd ...            set up where needed, then phd ... (see .\phd --help)
-rem   .\phd test           ruff (rules, format), mypy, lint-imports, mkdocs, pytest, and a second pass without the jit
+rem   .\phd test           ruff (rules, format), mypy, lint-imports, mkdocs, pytest (a part from a built wheel, a part without the jit)
 rem   .\phd test ARGS      pytest ARGS only, from the top of the tree
 rem
 rem Exit 2: Python must be installed first; the message says what to type.

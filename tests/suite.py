@@ -15,6 +15,7 @@ BIN = ROOT / ".venv" / ("Scripts" if sys.platform == "win32" else "bin")
 PYTEST = [BIN / "python", "-m", "pytest"]
 #: Two files of tests at a time, in the order of `conftest.LONG`.
 TWO = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
+OF_THE_WHEEL = [str(ROOT / "tests/app/test_tutorial.py"), str(ROOT / "tests/experiments/test_from_python.py")]
 
 
 def main() -> int:
@@ -22,16 +23,18 @@ def main() -> int:
     files = sorted(ROOT.glob("tests/*/test_*.py"))
     live = [str(file.relative_to(ROOT)) for file in files if file.stem.startswith("test_live_")]
     marked = [str(file.relative_to(ROOT)) for file in files if "mark.nojit" in file.read_text(encoding="utf-8")]
+    ignored = [f"--ignore={file}" for file in OF_THE_WHEEL]
     failed = []
     with tempfile.TemporaryDirectory() as folder:
-        results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2, 3)]
+        results = [f"--junitxml={folder}/{number}.xml" for number in (1, 2, 3, 4)]
         parts = {
             "ruff": [BIN / "ruff", "check", "."],
             "ruff format": [BIN / "ruff", "format", "--check", "."],
             "mypy": [BIN / "mypy"],
             "lint-imports": [BIN / "lint-imports", "--no-logo"],
             "mkdocs": [BIN / "mkdocs", "build", "--strict", "--site-dir", f"{folder}/site"],
-            "pytest": [*PYTEST, *TWO, results[0], "--ignore-glob=*/test_live_*.py"],
+            "pytest": [*PYTEST, *TWO, results[0], "--ignore-glob=*/test_live_*.py", *ignored],
+            "pytest of the wheel": [BIN / "python", "tests/wheel.py", *TWO, results[3], *OF_THE_WHEEL],
             "pytest of real processes": [*PYTEST, *TWO, results[1], *live],  # they keep time: nothing else beside them
             "pytest without the jit": [*PYTEST, *TWO, results[2], "-m", "nojit", *marked],
         }

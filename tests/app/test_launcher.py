@@ -89,6 +89,7 @@ class Tree:
         (self.root / "app/compile_kernels.py").write_text(LOG + COMPILE)
         (self.root / "tests/app/test_marked.py").write_text("@pytest.mark.nojit")
         (self.root / "tests/app/test_live_one.py").touch()
+        (self.root / "tests/wheel.py").write_text(LOG + 'print("wheel", *sys.argv[1:], file=log)\n')
         self.environment = {**os.environ, "PATH": str(self.path), "LOG": str(self.log), "FAILING_TOOL": "none"}
         self.environment |= {"PYTHONPATH": str(self.modules), "PYTHONDONTWRITEBYTECODE": "1"}
         self.environment.pop("NUMBA_DISABLE_JIT", None)
@@ -340,6 +341,9 @@ def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, t
     assert done.stdout.splitlines()[-2:] == [f"failed: {failed}", "5 passed, 3 failed"]
     whole, live, marked = tree.calls("pytest")
     assert "--ignore-glob" in whole and live.endswith("test_live_one.py")
+    (wheel,) = tree.calls("wheel")
+    for name in ("tests/app/test_tutorial.py", "tests/experiments/test_from_python.py"):
+        assert name in wheel and f"--ignore={tree.root / name}" in whole
     assert marked.endswith("-m nojit tests/app/test_marked.py interpreted")
     assert tree.calls("pip")[-1].endswith("-e .[test,docs]")
     beside = [file for file in tree.root.rglob("*.pyc") if ".venv" not in file.parts]
@@ -415,9 +419,10 @@ class Missing:
         if name.partition(".")[0] in {others!r}:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Missing())
-from app.compile_kernels import compile_loop, compile_scene, compile_trials
+from app.compile_kernels import compile_board, compile_loop, compile_scene, compile_trials
 compile_trials()
 compile_scene()
+compile_board()
 compile_loop()
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=280)
