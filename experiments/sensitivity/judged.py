@@ -74,7 +74,7 @@ def boxes_of(trials: pd.DataFrame) -> Mapping[int, Boxes]:
     """The boxes of each sample; none where under 90 % of the trials reached the end."""
     assert QUARTILE_METHOD == "linear"  # as pandas has it
     by_cell = trials.dropna(subset="controller").groupby(CELL)
-    enough = by_cell[IN_BOXES[0]].agg(lambda values: values.notna().mean()) >= LEAST_FINISHED
+    enough = by_cell[IN_BOXES[0]].count() / by_cell.size() >= LEAST_FINISHED
     quartiles = by_cell[list(IN_BOXES)].quantile(list(QUARTILES)).unstack()
     boxes: dict[int, dict[tuple[str, str, int], PooledBox]] = {}
     for (sample, configuration, controller), row in zip(quartiles.index, quartiles.to_numpy(), strict=True):
@@ -97,11 +97,13 @@ def without_controllers(trials: pd.DataFrame, seed: int) -> pd.DataFrame:
     uncontrolled = trials[trials["controller"] == NO_CONTROL].groupby(place)
     drawn = uncontrolled.indices
     values = trials.loc[trials["controller"] == NO_CONTROL, measures].to_numpy()
+    anew = made[measures].to_numpy(copy=True)
     for key, rows in made.groupby(place).indices.items():
         some = values[drawn[key]]
         middle = np.exp(np.nanmean(np.log(some), axis=0)) if np.isfinite(some).any() else np.nan
         wider = middle * (some / middle) ** math.sqrt(len(some) / max(len(some) - 1, 1))
-        made.iloc[rows, made.columns.get_indexer(measures)] = wider[generator.integers(len(some), size=len(rows))]
+        anew[rows] = wider[generator.integers(len(some), size=len(rows))]
+    made[measures] = anew
     return made
 
 

@@ -213,7 +213,8 @@ def _check(ranges: Ranges, column: str, assumption: AssumptionRange, where: str)
         raise InputError(f"{where}: {column}: no device has such a number")
     if table in ("rules", "population") and assumption.low is not None:
         raise InputError(f"{where}: {column}: must hold choices")
-    placed = {name: of.at(0.5) for name, of in ranges.ranges.items() if name.startswith("path.")}  # as in samples
+    places = table in ("device", "device_factor", "path")  # what decides whether a path can be reached
+    placed = {name: of.at(0.5) for name, of in ranges.ranges.items() if places and name.startswith("path.")}
     for value in assumption.ends:
         for population in ranges.populations if table.startswith("operator") else (next(iter(ranges.populations)),):
             try:

@@ -335,12 +335,12 @@ def made_trials(n: int, people: int = 3) -> pd.DataFrame:
 
 
 def test_trials_drawn_anew_without_control_differ_as_those_of_controllers_that_do_nothing():
-    judged = judge(made_trials(200), ("three-brake", "four-brake"), 1)
+    judged = judge(made_trials(100), ("three-brake", "four-brake"), 1)
     made, drawn = judged.holds.mean(), judged.chance.mean()
     assert 0.05 < made[10] < 0.5 < made[6] < 0.98  # worth comparing
     for number, p in made.items():
         assert (
-            abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / 200) + 0.02
+            abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / 100) + 0.02
         )
 
 
@@ -363,15 +363,15 @@ def test_a_sample_without_trials_holds_nothing(whole, tmp_path):
 
 
 def test_the_report_says_what_decides_and_what_to_measure_first(small, tmp_path):
-    ranges, trials = load_ranges(small), made_trials(150, 1)
-    shares = ranges.shares(150, 1)
+    ranges, trials = load_ranges(small), made_trials(60, 1)
+    shares = ranges.shares(60, 1)
     worse = (trials["controller"] == 3) & (shares[trials["sample"] - 1, 0] >= 0.5)
     trials.loc[trials["controller"] == 3, "path_error_m"] *= 0.5
     trials.loc[worse, "path_error_m"] *= 4.0
     trials.to_csv(tmp_path / "sensitivity.csv", index=False)
     files, summary = report_files(tmp_path / "sensitivity.csv", ranges, shares, 1)
     page = files["report.md"].decode()
-    assert page.startswith("# Sensitivity: small\n\n150 samples of the ranges 'small', seed 1") and "$" not in page
+    assert page.startswith("# Sensitivity: small\n\n60 samples of the ranges 'small', seed 1") and "$" not in page
     assert "| **rules " in page and summary["measure_first"] == "rules"
     assert {"overview.png", "decided-by.png", "samples.csv", "indices.csv"} <= files.keys()
     found = Judgement(tmp_path / "sensitivity.csv", ranges, shares, 1)
