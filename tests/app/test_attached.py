@@ -5,22 +5,18 @@ import os
 import socket
 import subprocess
 import sys
-from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from emulated import ROOT, Emulated
-from refusals import refusal
 
 from app import doctor
 from app.cli import main
 from app.doctor import UDEV_RULE, Around, hand_checks, port_checks
 from app.ipc.messages import CAUTION, GOOD, Check
-from app.verbs import run as run_verb
 from core.files import InputError
-from experiments.inputs import MOUSE
 from hardware import discovery
 from hardware.emulated_board.plug import LOOPBACK
 
@@ -94,15 +90,6 @@ def test_what_is_attached_has_a_line_each_with_its_identity(nothing, capsys: pyt
     assert found["hands"][0]["ids"] == "046d:c626"
 
 
-def test_a_port_that_goes_while_the_system_lists_it_is_none(nothing, capsys: pytest.CaptureFixture) -> None:
-    def vanished() -> list:
-        raise FileNotFoundError("/sys/class/tty/ttyACM9/device")
-
-    nothing.setattr("serial.tools.list_ports.comports", vanished)
-    code, lines = said(capsys)
-    assert code == 0 and "nothing attached" in lines[0]
-
-
 def test_rights_that_are_missing_come_with_what_to_type(nothing, tmp_path: Path) -> None:
     (line,) = port_checks([discovery.SerialPort("/dev/ttyACM9", "16c0:0483", "123", "USB Serial", False)])
     assert line.state == CAUTION and (sys.platform != "linux" or "usermod -aG dialout" in line.advice)
@@ -125,31 +112,6 @@ def test_a_dead_port_says_that_no_board_answers_and_what_to_do_about_it(nothing,
     assert "that the board has power" in advice
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="its ports are no files: a file or folder is not there as a port")
-@pytest.mark.parametrize(("what", "says"), [("file", "it is no serial port"), ("folder", "is a directory")])
-def test_what_is_no_port_says_so(nothing, what: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    (tmp_path / "file").touch()
-    place = str(tmp_path / "file" if what == "file" else tmp_path)
-    code, found = listed(capsys, "--port", place)
-    assert code == 1 and [(board["port"], board["problem"]) for board in found["boards"]] == [(place, says)]
-
-
-def test_a_port_that_is_not_there_is_one_sentence(capsys) -> None:
-    assert refusal(capsys, "doctor", "--port", "/dev/none") == "phd: serial port /dev/none: there is no such port\n"
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="only POSIX systems have pseudo-terminals")
-def test_a_terminal_whose_other_end_has_gone_is_one_sentence(nothing, capsys: pytest.CaptureFixture) -> None:
-    ours, theirs = os.openpty()
-    name = os.ttyname(theirs)
-    os.close(ours)
-    try:
-        told = refusal(capsys, "doctor", "--port", name)
-        assert told == f"phd: serial port {name}: there is no such port\n"
-    finally:
-        os.close(theirs)
-
-
 def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing, tmp_path, capsys, monkeypatch) -> None:
     emulated = Emulated(tmp_path, "--device", "three-brake", "--seed", "9")
     port = emulated.port
@@ -166,21 +128,6 @@ def test_the_emulated_board_says_who_it_is_and_one_in_use_is_left_alone(nothing,
     code, lines = said(capsys, "--port", port)
     assert code == 0 and lines[1].startswith("ok  board") and "EMULATED-9, wired to three-brake" in lines[1]
     assert emulated.end() == 0
-
-
-@pytest.mark.parametrize("link", ["serial:/dev/none", "serial:auto", "socket://127.0.0.1:5000"])
-def test_the_plan_needs_no_device_to_be_there(link: str, tmp_path: Path, capsys) -> None:
-    assert main(["run", "--print-plan", "--link", link, "--data-dir", str(tmp_path / "data")]) == 0
-    assert capsys.readouterr().out.count("\n") > 60
-
-
-@pytest.mark.parametrize("before", ["", "serial:"])
-def test_the_address_of_a_tcp_port_is_a_link_as_it_is_a_port(before: str) -> None:
-    address = "socket://127.0.0.1:5000"
-    link = before + address
-    assert (
-        run_verb.port_of(Namespace(link=link, force="", input=MOUSE)) == address == run_verb.checked_link(address, "")
-    )
 
 
 def test_a_link_that_cannot_be_is_refused_before_any_window_is_loaded() -> None:

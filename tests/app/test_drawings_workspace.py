@@ -5,12 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from fake_ticks import ACROSS, ALONG, TIP, quiet, trial
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QImage
-from PySide6.QtTest import QTest
+from fake_ticks import ACROSS, ALONG, TIP, quiet
+from PySide6.QtCore import QPointF, QRectF
 
-from app.window.canvas import linkage_view
 from app.window.canvas.force_view import BRAKES, HAND
 from app.window.canvas.layers import (
     OFF,
@@ -27,18 +24,16 @@ from app.window.canvas.layers import (
     needles,
     wedge,
 )
-from app.window.canvas.linkage_view import DIRECTIONS, LAYERS, VALUES, WHOLE, Readout, Workspace
-from app.window.canvas.marks import ARROW_MOST_PX, arrow_of, rings_of
+from app.window.canvas.linkage_view import VALUES, WHOLE, Readout, Workspace
+from app.window.canvas.marks import ARROW_MOST_PX, arrow_of
 from app.window.canvas.plane import Plane
-from app.window.widgets import theme
-from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.control.rule_sets import SETTLED
 from core.control.sdof import nearest_valid_brake, valid_sense
 from core.control.velocity_field import PIECE, TRAVEL, Seen, field_at, new_memory
 from core.device import Device, load_device
 from core.mechanism import JOINTS
-from core.path import Arc, Polyline, Segment, build_path, nearest_piece
+from core.path import Polyline, build_path, nearest_piece
 from core.workspace import brake_rows
 from experiments.trial.tick import log_field
 
@@ -89,16 +84,6 @@ def workspace(qtbot) -> Workspace:
     return workspace
 
 
-def is_seen(image: QImage, place: QPointF, name: str, near: int = 2) -> bool:
-    """Whether a colour of the palette is at a place (px), give or take a pixel or two."""
-    wanted, at = QColor(name), place.toPoint()
-    around = range(-near, near + 1)
-    pixels = [image.pixelColor(at.x() + i, at.y() + j) for i in around for j in around]
-    return any(
-        max(abs(a - b) for a, b in zip(pixel.getRgb()[:3], wanted.getRgb()[:3], strict=True)) < 60 for pixel in pixels
-    )
-
-
 def test_metres_and_pixels_are_each_others_inverse_and_true_to_scale(plane: Plane) -> None:
     for place in ((-0.1, 0.4), (0.03, 0.42), (0.0, 0.39)):
         assert plane.to_plane(plane.to_screen(place)) == pytest.approx(place, abs=1e-12)
@@ -106,44 +91,6 @@ def test_metres_and_pixels_are_each_others_inverse_and_true_to_scale(plane: Plan
     assert b.x() - a.x() == pytest.approx(a.y() - c.y()) == pytest.approx(0.1 * plane.scale)
     corner = plane.to_plane(QPointF(plane.width() + 900.0, -900.0))
     assert corner == plane.to_plane(QPointF(plane.width(), 0.0)), "it stays inside what is drawn"
-
-
-def test_start_end_path_and_handle_are_where_they_should_be(plane: Plane) -> None:
-    plane.show_handle((0.05, 0.41))
-    image = plane.grab().toImage()
-    start, end = plane.to_screen(ALONG.start_m), plane.to_screen(ALONG.end_m)
-    up = QPointF(0.0, -plane.sizes.ring)
-    assert is_seen(image, start + up, COLOURS.start_ring)
-    assert is_seen(image, end + up, COLOURS.end_ring)
-    assert is_seen(image, end, COLOURS.end_ring)  # the end has a point in its ring, the start has none
-    assert not is_seen(image, start + QPointF(0, 5), COLOURS.end_ring)
-    assert is_seen(image, plane.to_screen((0.0, 0.4)), "#ffffff")
-    assert is_seen(image, plane.to_screen((0.05, 0.41)), "#ffffff")
-
-
-def test_an_arc_and_a_polyline_are_drawn_along_their_whole_length(plane: Plane) -> None:
-    arc, corners = Arc((0.0, 0.36), 0.05, 200.0, 20.0), Polyline(((-0.1, 0.3), (0.0, 0.4), (0.1, 0.33)))
-    plane.set_extent(extent_of_paths((arc, corners)))
-    angles = np.radians(np.linspace(190.0, 30.0, 9))
-    round_places = [(0.05 * math.cos(a), 0.36 + 0.05 * math.sin(a)) for a in angles]
-    for path, places in ((arc, round_places), (corners, ((-0.05, 0.35), (0.0, 0.4), (0.05, 0.365)))):
-        plane.show_path(path)
-        image = plane.grab().toImage()
-        assert all(is_seen(image, plane.to_screen(place), "#ffffff") for place in places)
-        assert is_seen(image, plane.to_screen(plane.outline[-1]), COLOURS.end_ring)
-
-
-def test_the_spring_is_drawn_only_while_the_handle_is_held(plane: Plane) -> None:
-    plane.show_pointer((0.06, 0.42))
-    middle = plane.to_screen((0.04, 0.415))
-    plane.show_handle((0.02, 0.41))
-    for colour in (COLOURS.good, COLOURS.caution, COLOURS.bad):
-        assert not is_seen(plane.grab().toImage(), middle, colour)
-    plane.show_handle((0.02, 0.41), taken=True, force_N=0.0)
-    assert is_seen(plane.grab().toImage(), middle, COLOURS.good)
-    assert plane.cursor().shape() == Qt.CursorShape.BlankCursor
-    plane.show_handle((0.02, 0.41), taken=True, force_N=50.0)
-    assert is_seen(plane.grab().toImage(), middle, COLOURS.bad)
 
 
 def test_every_joint_stays_in_sight_on_every_path() -> None:
@@ -232,33 +179,6 @@ def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None
     assert set(workspace.view.doing.values()) == {Doing()}
 
 
-def test_a_brake_is_ringed_in_the_colour_of_its_state(workspace: Workspace) -> None:
-    add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
-    image, view = workspace.view.grab().toImage(), workspace.view
-    at = {joint: view.to_screen(place) for joint, place in view.instant.joints.items()}
-    for joint, colour in (("E", COLOURS.brake_stuck), ("C", COLOURS.brake_slipping), ("A", COLOURS.brake_off)):
-        ring = [at[joint] + QPointF(12.0 * math.cos(a), 12.0 * math.sin(a)) for a in range(7)]
-        assert all(is_seen(image, place, colour) for place in ring), joint
-
-
-def test_the_brakes_of_couplings_are_ringed_in_a_row_at_the_bases(qtbot) -> None:
-    pter = load_device("pter")
-    workspace = shown(qtbot, workspace_of(pter))
-    workspace.view.show_trial(pter, ALONG, TIP)
-    add(workspace, quiet(CURRENT_E=0.8, TORQUE_E=3.9, CURRENT_C=0.3, STUCK=2))
-    image, view = workspace.view.grab().toImage(), workspace.view
-    rings = rings_of({j: view.to_screen(p) for j, p in view.instant.joints.items()}, pter.labels)
-    row = [rings[joint] for joint in "AECB"]
-    assert [round(b.x() - a.x()) for a, b in itertools.pairwise(row)] == [38, 38, 38]
-    assert {round(place.y()) for place in row} == {round(view.to_screen((0.0, 0.0)).y())}
-    for joint, colour in (("E", COLOURS.brake_stuck), ("C", COLOURS.brake_slipping), ("A", COLOURS.brake_off)):
-        radius = 12.0 if joint == "A" else 17.0  # "A-B" and "A+B" need the room
-        ring = [rings[joint] + QPointF(radius * math.cos(a), radius * math.sin(a)) for a in range(7)]
-        assert all(is_seen(image, place, colour) for place in ring), joint
-    apart = rings_of({"A": QPointF(40.0, 9.0), "B": QPointF(-110.0, 9.0)}, pter.labels)
-    assert [apart[joint].toTuple() for joint in "AECB"] == [(40.0, 9.0), (-10.0, 9.0), (-60.0, 9.0), (-110.0, 9.0)]
-
-
 def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspace) -> None:
     instant = Instant.of_tick(FOUR, quiet(TIP_X=TIP[0], TIP_Y=TIP[1], HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
     assert instant.hand == (3.0, 4.0)
@@ -267,22 +187,6 @@ def test_arrows_point_as_the_forces_do_and_long_ones_are_cut(workspace: Workspac
     assert arrow.x() > 0.0 > arrow.y() and arrow.y() / arrow.x() == pytest.approx(-4.0 / 3.0)
     assert math.hypot(*arrow_of((300.0, 0.0)).toTuple()) == pytest.approx(ARROW_MOST_PX)
     assert arrow_of((0.01, 0.0)).isNull()
-
-
-def test_a_click_or_its_key_lays_a_layer_over_the_workspace_and_takes_it_away(qtbot, workspace: Workspace) -> None:
-    rows = trial(FOUR)
-    for begin in range(0, 2400, 100):
-        add(workspace, rows[begin : begin + 100])
-    view = workspace.view
-    for layer in LAYERS:
-        entry, before, was = workspace.layers[layer], view.grab().toImage(), layer in view.shown
-        entry.trigger()
-        assert (layer in view.shown) is not was and entry.isChecked() is not was, layer
-        assert view.grab().toImage() != before, layer
-        workspace.activateWindow()
-        qtbot.waitUntil(workspace.isActiveWindow, timeout=60_000)
-        QTest.keyClick(workspace, getattr(Qt.Key, f"Key_{LAYERS[layer][0]}"))
-        assert (layer in view.shown) is was and view.grab().toImage() == before, layer
 
 
 @BOTH
@@ -301,37 +205,6 @@ def test_the_read_outs_stand_still_clear_of_every_path_whatever_the_device_does(
             boxes.append(view.readout_box)
             assert not any(boxes[-1].contains(view.to_screen(place)) for place in view.outline)
     assert len(set(map(QRectF.getRect, boxes))) == 1 and QRectF(view.rect()).contains(boxes[0])
-
-
-def test_where_four_read_outs_have_no_room_they_take_two_lines_and_are_not_smaller(qtbot, monkeypatch) -> None:
-    drawn: list[tuple[float, int]] = []
-    monkeypatch.setattr(linkage_view, "write_from", lambda painter, at, text, size, *how: drawn.append((at.y(), size)))
-    workspace = shown(qtbot, workspace_of(FOUR), 330, 500)
-    workspace.layers[VALUES].setChecked(True)
-    workspace.view.show_trial(FOUR, ALONG, TIP)
-    add(workspace, quiet())
-    drawn.clear()
-    workspace.view.grab()
-    lines = [line for line in drawn if line[0] < workspace.view.readout_box.bottom()]
-    assert {size for _, size in lines} == {theme.SMALL} and len({y for y, _ in lines}) == 3
-    assert workspace.view.field.top() >= workspace.view.readout_box.bottom() >= max(lines)[0]
-
-
-def test_the_line_above_says_phase_time_error_and_speed(workspace: Workspace) -> None:
-    add(workspace, quiet(20, tick_log.HOLD))
-    assert workspace.view.title == "Hold" and "error" not in workspace.view.line
-    add(workspace, quiet(1, tick_log.MOVE, start_s=0.02, TIP_VX=0.03, TIP_VY=0.04))
-    add(workspace, quiet(16, tick_log.MOVE, start_s=0.5, TIP_VX=0.03, TIP_VY=0.04))
-    assert workspace.view.title == "Move"
-    assert workspace.view.line == "0.49 s · error 10.0 mm · 0.05 m/s"
-
-
-def test_a_path_that_the_arms_do_not_reach_is_still_shown(qtbot) -> None:
-    workspace = shown(qtbot, workspace_of(FOUR))
-    workspace.layers[DIRECTIONS].setChecked(True)
-    workspace.view.show_trial(FOUR, Segment((-0.1, 0.4), (0.1, 0.4)), (0.0, 1.2))
-    workspace.view.grab()
-    assert workspace.view.instant.joints == {}
 
 
 def test_the_field_of_a_tick_is_read_from_its_row_and_found_again_from_its_place() -> None:

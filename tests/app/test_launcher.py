@@ -204,19 +204,6 @@ def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_pat
     assert (len(tree.calls("venv")), len(tree.calls("pip"))) == (1, 2)
 
 
-@shell
-def test_the_pip_of_a_set_up_that_was_killed_alone_is_waited_for(tree: Tree, tmp_path: Path) -> None:
-    gate = tmp_path / "gate"
-    first = tree.start("doctor", PIP_WAITS_FOR=str(gate))
-    tree.wait_for_pip()
-    os.kill(first.pid, signal.SIGKILL)
-    second = tree.start("doctor")
-    assert second.stderr is not None and "waiting" in second.stderr.readline()
-    gate.touch()
-    assert second.communicate(timeout=120)[0] == "phd was given: doctor\n"
-    first.communicate()
-
-
 @pytest.mark.parametrize("update", [False, True])
 def test_a_failed_set_up_is_redone_and_a_failed_update_keeps_the_environment(tree: Tree, update: bool) -> None:
     if update:
@@ -235,15 +222,6 @@ def test_a_moved_tree_or_another_python_is_set_up_anew(tree: Tree) -> None:
     settings = tree.root / ".venv/pyvenv.cfg"
     settings.write_text(re.sub("home = .*", lambda _: f"home = {tree.path}", settings.read_text()))
     assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 3
-
-
-@shell
-def test_an_environment_that_was_linked_from_elsewhere_is_the_same(tree: Tree) -> None:
-    tree.run("doctor")
-    elsewhere = (tree.root / ".venv").rename(tree.root.with_name("elsewhere"))
-    (tree.root / ".venv").symlink_to(elsewhere)
-    done = tree.run("doctor")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "phd was given: doctor\n", "")
 
 
 def test_without_python_the_launcher_says_what_to_type(tree: Tree) -> None:
@@ -301,26 +279,6 @@ def test_libraries_of_qt_are_installed_for_root_and_others_get_the_command_to_ty
         set_up.install_qt_libraries()
     assert "there is no apt-get. The Debian packages are: libegl1" in capsys.readouterr().err
     assert len(debian.ran) == 2
-
-
-@linux
-def test_apt_get_that_fails_is_shown_with_the_command_to_type(debian: Debian, capsys) -> None:
-    debian.code = 100
-    with pytest.raises(SystemExit, match="2"):
-        set_up.install("venv for Python", ["python3.11-venv"])
-    shown = capsys.readouterr().err
-    assert "E: no network" in shown and "Type: apt-get install -y --no-install-recommends python3.11-venv" in shown
-
-
-@linux
-def test_tests_go_on_without_a_screen_or_a_compiler(debian: Debian, capsys) -> None:
-    debian.user = 1000
-    set_up.install_test_programs()
-    shown = capsys.readouterr().err
-    assert "going on: tests that need a screen are skipped" in shown and "going on: tests of the board in C" in shown
-    debian.programs |= {"Xvfb", "xdotool", "cc"}
-    set_up.install_test_programs()
-    assert capsys.readouterr().err == "" and debian.ran == []
 
 
 WITH_A_WINDOW = ["", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"]

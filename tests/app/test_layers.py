@@ -7,9 +7,6 @@ or "Eqs. (7)-(11)". docs/assumptions-and-equations.md has one row for each, such
 
 import ast
 import re
-import shutil
-import subprocess
-import sys
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -69,63 +66,6 @@ def test_the_page_of_equations_leads_from_each_of_the_papers_to_code_whose_docst
         texts = docstrings(ROOT / file)
         assert function in texts, f"row ({number}): there is no {function} in {file}"
         assert number in equations_named(texts[function]), f"{file} {function} does not name Eq. ({number})"
-
-
-def lint(folder: Path, **modules: str) -> str:
-    """What lint-imports says of a small tree under the project's own contracts; core="import app" fills it."""
-    shutil.copy(ROOT / "pyproject.toml", folder)
-    processes = ("app/ipc", "app/loop", "app/session_server", "app/window")
-    control = ("core/control", *(f"core/control/{name}" for name in ("algorithm", "proportional", "sdof")))
-    rooms = [f"app/window/{room}" for room in ("run", "analyse", "canvas", "widgets")]
-    within = (*processes, *rooms, *control, "core/simulator", "experiments/trial")
-    for package in ("core", "hardware", "experiments", "app", *within):
-        (folder / package).mkdir()
-        (folder / package / "__init__.py").touch()
-        (folder / package / "code.py").write_text(modules.get(package.removeprefix("app/").replace("/", "."), ""))
-    command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200)
-    assert done.returncode == (0 if "0 broken" in done.stdout else 1), done.stdout + done.stderr
-    return done.stdout
-
-
-def test_the_layers_as_designed_keep_the_contracts(tmp_path: Path) -> None:
-    allowed = {
-        "core": "import numpy, numba, msgspec",
-        "hardware": "import core.code, serial, hidraw",
-        "experiments": "import core.code, scipy, pyarrow, matplotlib",
-        "app": "import core.code, hardware.code, experiments.code, PySide6",
-        **dict.fromkeys(("loop", "session_server", "window"), "import app.ipc.code"),
-        "window.run": "import app.window.canvas.code",
-    }
-    assert "0 broken" in lint(tmp_path, **allowed)
-
-
-#: whose code -> what it must not import
-FORBIDDEN = {
-    "core": ("experiments", "scipy"),
-    "hardware": ("experiments", "shiboken6"),
-    "experiments": ("hardware", "app", "PySide6"),
-    "loop": ("app.session_server",),
-    "session_server": ("app.window",),
-    "window": ("app.loop", "core.control.sdof", "core.simulator", "experiments.trial"),
-    "ipc": ("app.session_server",),
-    "window.run": ("app.window.analyse",),
-    "window.widgets": ("app.window.canvas",),
-}
-
-
-def test_an_import_against_the_layers_breaks_a_contract(tmp_path: Path) -> None:
-    outside = ("scipy", "shiboken6", "PySide6")
-    wrong = {
-        package: "\n".join(f"import {name}" if name in outside else f"import {name}.code" for name in names)
-        for package, names in FORBIDDEN.items()
-    }
-    said = lint(tmp_path, **wrong)
-    for package, names in FORBIDDEN.items():
-        own = package if package in ("core", "hardware", "experiments") else f"app.{package}"
-        for name in names:
-            there = name if name in outside else f"{name}.code"
-            assert f"{own}.code -> {there} (l." in said, (package, name)
 
 
 def test_the_citation_names_this_version_and_the_paper_as_the_readme_does() -> None:

@@ -12,7 +12,6 @@ from app.ipc.scheduling import LostTime, lost_time
 from app.session_server.recorder import Recorder
 from core import tick_log
 
-UNKNOWN = LostTime(None, None, None)
 STAT = "cpu  1 0 1 9 0 0 0 7 0 0\ncpu0 1 0 0 4 0 0 0 5 0 0\ncpu1 0 0 1 5 0 0 0 2 0 0\nintr 5\n"
 FILES = {
     "/proc/stat": STAT,
@@ -45,29 +44,6 @@ def test_a_file_that_a_system_does_not_have_makes_its_number_unknown_and_no_othe
     files = {path: text for path, text in FILES.items() if path != missing}
     known = [one is not None for one in lost_time(7, -1, reads(files))]
     assert known == [path != missing for path in FILES]
-
-
-@pytest.mark.parametrize("files", [{}, dict.fromkeys(FILES, ""), dict.fromkeys(FILES, "cpu nonsense x\n")])
-def test_where_nothing_is_counted_nothing_is_known(files: dict[str, str]) -> None:
-    assert lost_time(7, -1, reads(files)) == UNKNOWN
-
-
-@linux
-def test_a_loop_whose_process_is_not_known_is_not_taken_for_another() -> None:
-    assert lost_time(0, -1, reads(FILES))[1:] == (None, None)
-
-
-def test_what_was_added_is_not_known_where_one_of_two_looks_found_nothing() -> None:
-    first, then = LostTime(10.0, 1.0, 3), LostTime(30.0, 1.5, 3)
-    assert then.since(first) == LostTime(20.0, 0.5, 0)
-    assert then.since(UNKNOWN) == first.since(UNKNOWN) == UNKNOWN.since(then) == UNKNOWN
-
-
-@linux
-def test_of_a_process_that_lives_this_system_knows_what_it_waited_for() -> None:
-    waited, switches = lost_time(os.getpid(), -1)[1:]
-    assert (waited is None or waited >= 0.0) and (switches is None or switches >= 0)
-    assert lost_time(os.getpid(), -1).since(UNKNOWN) == UNKNOWN
 
 
 @pytest.mark.parametrize("worked_us", [0.0, 25.0])

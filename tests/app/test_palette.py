@@ -2,9 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +9,6 @@ from app.progress import LEAST_ROOM, ScreenCheck
 from app.window.widgets import theme
 from app.window.widgets.palette import DARK, LIGHT, PALETTES, Palette
 
-ROOT = Path(__file__).resolve().parents[2]
 OF_TEXT, OF_MARKS = 4.5, 3.0  # WCAG 2, level AA
 
 
@@ -51,26 +47,6 @@ def test_light_is_the_other_way_round() -> None:
     assert (DARK.handle_name, LIGHT.handle_name) == ("white", "dark")
     for palette in (DARK, LIGHT):
         assert len(set(palette.joints)) == 4 and len(set(palette.controllers)) == 5
-
-
-@pytest.mark.parametrize("name", PALETTES)
-def test_the_windows_are_in_the_palette_that_was_chosen(name: str) -> None:
-    code = (
-        "import json, sys; from app.window.widgets import palette; palette.choose(sys.argv[1]);"
-        "from PySide6.QtWidgets import QApplication; from app.window.widgets import words;"
-        "from app.window.widgets import theme;"
-        "from app.window.participant.participant_window import ParticipantWindow;"
-        "a = QApplication([]); theme.apply_theme(a);"
-        "w = ParticipantWindow(); w.resize(600, 400); shown = w.grab().toImage();"
-        "print(json.dumps([shown.pixelColor(5, 5).name(), theme.COLOURS.text,"
-        "words.moving(0, False, words.language_of(None)).small]))"
-    )
-    command = [sys.executable, "-c", code, name]
-    environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
-    made = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
-    ground, text, take_it = json.loads(made.stdout)
-    palette = PALETTES[name]
-    assert (ground, text) == (palette.canvas, palette.text) and palette.handle_name in take_it
 
 
 @pytest.mark.parametrize(

@@ -40,35 +40,6 @@ def test_the_loop_is_compiled_on_every_system_that_the_program_is_for() -> None:
     assert words in ((clock.FINE_TIMER, clock.COARSE_TIMER) if sys.platform == "win32" else ("",))
 
 
-@pytest.mark.skipif(sys.platform != "win32", reason="the older kind of timer is Windows'")
-def test_without_a_fine_timer_the_loop_looks_at_the_clock_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = clock.ctypes.WinDLL
-
-    class Older:
-        """Windows before 10 1803."""
-
-        def __init__(self, kernel32: object) -> None:
-            self._kernel32 = kernel32
-            create = kernel32.CreateWaitableTimerExW  # type: ignore[attr-defined]
-
-            def make(attributes: object, name: object, flags: int, access: int) -> object:
-                return None if flags else create(attributes, name, flags, access)
-
-            self.CreateWaitableTimerExW = make
-
-        def __getattr__(self, name: str) -> object:
-            return getattr(self._kernel32, name)
-
-    def load_older(name: str, **how: object) -> object:
-        return Older(load(name, **how)) if name == "kernel32" else load(name, **how)
-
-    monkeypatch.setattr(clock.ctypes, "WinDLL", load_older)
-    timer = clock.new_timer()
-    assert clock.timer_words(timer) == clock.COARSE_TIMER
-    deadline = clock.now_ns(timer) + 5_000_000
-    assert clock.sleep_until(deadline, timer) >= deadline
-
-
 def run_python(code: str) -> str:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200, check=True)
     return done.stdout.strip()

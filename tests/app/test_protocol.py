@@ -9,15 +9,12 @@ from msgspec.structs import asdict, replace
 from protocols import CURVES, PAPER, changed, protocol_of, short
 
 from app.cli import main
-from app.session_server.session_progress import SessionProgress
-from app.window.widgets.words import minutes
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
 from experiments.assumptions import Assumptions
-from experiments.plan import break_after, grouped, make_plan, plan_summary, print_plan
+from experiments.plan import make_plan, print_plan
 from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json, shipped_protocols
-from experiments.store.session import Participant, Session
 
 
 def test_the_papers_protocol_is_the_experiment_of_section_v():
@@ -58,28 +55,6 @@ def test_a_file_of_ones_own_needs_little_and_the_rest_has_its_default(tmp_path):
 def test_provenance_takes_words_by_the_rule_of_devices_and_may_be_missing(said, assumed):
     protocol = protocol_of(changed(PAPER.text, provenance=f'"{said}"'))
     assert protocol.paths_assumed == assumed and protocol.provenance == said
-
-
-def test_a_form_lists_what_each_participant_is_asked_for():
-    asked = protocol_of(PAPER.text + '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n')
-    assert asked.form == {"handedness": ("right", "left"), "age": "number"} and PAPER.form == {}
-
-
-def test_a_summary_counts_trials_and_minutes_before_anyone_sits_down():
-    assert plan_summary(PAPER) == "2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20 min"
-    single = protocol_of(changed(PAPER.text, blocks="1", repetitions="1", practice_trials="2"))
-    assert plan_summary(replace(single, devices=single.devices[:1], paths={1: single.paths[1]})) == (
-        "1 device × 5 controllers × 1 path = 5 trials and 2 of practice, about 2 min"
-    )
-
-
-def test_a_session_that_begins_has_as_many_minutes_left_as_home_has_said(tmp_path):
-    broken = protocol_of(changed(PAPER.text, practice_trials="2") + "[breaks]\nafter_trials = 7\nleast_s = 60.0\n")
-    for number, protocol in enumerate((PAPER, broken)):
-        session = Session(tmp_path / f"data{number}", Participant("01", "mouse"), protocol, sync=False)
-        left = SessionProgress(session).seconds_left()
-        session.close()
-        assert plan_summary(protocol).endswith(minutes(left).removesuffix(" left"))
 
 
 def test_what_is_asked_for_stands_in_place_of_what_the_file_says():
@@ -242,13 +217,6 @@ def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks()
     assert "after every trial of a device" in each
 
 
-def test_a_thousand_stands_in_the_printed_plan_as_everywhere():
-    assert "gain 10\u202f000 N s/m" in print_plan(PAPER, "01") and "gap 5 mm" in print_plan(PAPER, "01")
-    assert [grouped(number) for number in (0.5, 999, 1000, 1654.4, 12_345_678)] == [
-        "0.5", "999", "1\u202f000", "1\u202f654", "12\u202f345\u202f678",
-    ]  # fmt: skip
-
-
 def test_the_plan_of_a_blind_protocol_shows_codes_and_that_of_a_single_controller_says_that_it_repeats():
     said = print_plan(replace(PAPER, blind=True), "01")
     plan = said[said.index("\nthree-brake\n") :]
@@ -256,12 +224,6 @@ def test_the_plan_of_a_blind_protocol_shows_codes_and_that_of_a_single_controlle
     text = re.sub(r"\[\[controller\]\].*\s*number = [1345]\n(.+\n)+", "", PAPER.text)
     assert "only one controller" in print_plan(protocol_of(text), "01")
     assert "only one controller" not in print_plan(PAPER, "01")
-
-
-def test_no_break_comes_at_the_end_of_a_configuration_where_the_re_rig_is_one():
-    protocol = protocol_of(PAPER.text + "\n[breaks]\nafter_trials = 10\nleast_s = 0.0\n")
-    assert [done for done in range(31) if break_after(protocol, done, 30 - done)] == [10, 20]
-    assert not any(break_after(PAPER, done, 30 - done) for done in range(31))
 
 
 def test_a_study_runs_a_protocol_of_curves_and_does_not_test_the_papers_statements_on_it(tmp_path, capsys):

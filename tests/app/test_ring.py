@@ -2,11 +2,9 @@
 
 import mmap
 import os
-import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -308,29 +306,6 @@ def test_what_an_end_said_right_before_it_left_is_heard_whole_and_in_order_also_
     ours.close()
     assert [len(message) for message in all_of(theirs)] == [0, 1, 100_000, 3]
     theirs.close()
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of other processes")
-def test_signals_while_messages_are_waited_for_do_not_stop_the_waiting() -> None:
-    program = """
-import os, signal, threading, time
-from app.ipc.pipe import Pipe
-
-def bother():
-    while True:
-        os.kill(os.getpid(), signal.SIGUSR1)
-        time.sleep(1e-4)
-
-signal.signal(signal.SIGUSR1, lambda *_: None)
-hear, _ = os.pipe()
-pipe, end = Pipe(open(hear, "rb"), open(os.devnull, "wb")), time.perf_counter() + 0.5
-threading.Thread(target=bother, daemon=True).start()
-while time.perf_counter() < end:
-    pipe.receive(0.001)
-os._exit(0)
-"""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    assert subprocess.run([sys.executable, "-c", program], env=environment, timeout=60.0).returncode == 0
 
 
 def test_an_end_that_is_killed_in_the_middle_of_a_message_is_gone() -> None:

@@ -5,7 +5,6 @@ import io
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -20,7 +19,7 @@ from app.cli import main
 from app.progress import ProgressBar
 from app.session_server.server import refusal_of
 from app.window.widgets.work import BackgroundTask
-from core.files import MOST_REPEATED, MOST_SAID, InputError, cut
+from core.files import MOST_SAID, InputError
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
 from experiments.store.files import LOCK, hold_lock
 from experiments.study.study import run_study
@@ -96,31 +95,6 @@ def test_an_interrupted_study_says_how_it_goes_on_and_goes_on(tmp_path, monkeypa
     assert "trials run now" in capsys.readouterr().out
 
 
-@posix
-def test_an_interrupted_sweep_says_how_it_goes_on(tmp_path):
-    text = 'name = "long"\noperators = 1000\ndevices = ["three-brake"]\n[[controller]]\nkind = "none"\n'
-    (tmp_path / "sweep.toml").write_text(text)
-    command = [sys.executable, "-m", "app.cli", "study", "--sweep", "sweep.toml", "--out", "out"]
-    process = subprocess.Popen(
-        command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler), start_new_session=True,
-    )  # fmt: skip
-    try:
-        wait_until(lambda: any((tmp_path / "out" / "parts").glob("*.csv")), 200)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=100)
-    finally:
-        process.kill()
-    assert "phd: out: interrupted; go on with the same command and --resume" in said.splitlines()
-    assert process.returncode == -signal.SIGINT and "Traceback" not in said
-
-
-def test_what_cannot_go_on_does_not_say_that_it_can(monkeypatch, capsys):
-    monkeypatch.setattr("app.verbs.study.study", lambda args: (_ for _ in ()).throw(KeyboardInterrupt()))
-    assert main(["study", "--out", "nowhere"]) == 130
-    assert capsys.readouterr().err == "phd: interrupted\n"
-
-
 # ------------------------------------------------------------------------------------------------------------- progress
 
 
@@ -142,29 +116,6 @@ def test_where_there_is_no_terminal_lines_come_while_nothing_is_called_and_none_
         assert not [thread for thread in threading.enumerate() if thread.name == "lines of progress"]
     lines = said.getvalue()
     assert set(lines.splitlines()) == {"study: 25 %", "study: 50 %"} and lines.endswith("\n")
-
-
-def test_a_bar_that_was_closed_writes_lines_again_when_the_next_work_begins():
-    with no_terminal() as said:
-        progress = ProgressBar("compiling kernels")
-        progress.close()  # an entry whose parts were all compiled before
-        for number in (1, 2):
-            progress(0.1, f"{number} of 9")
-            wait_until(lambda number=number: f"compiling kernels: {number} of 9\n" in said.getvalue())
-            progress.close()
-
-
-def test_work_that_nobody_watches_goes_on_when_the_reader_of_its_lines_is_gone(monkeypatch):
-    told = threading.Event()
-
-    def gone(*_, **__):
-        told.set()
-        raise BrokenPipeError
-
-    with no_terminal() as said, contextlib.closing(ProgressBar("study")) as progress:
-        monkeypatch.setattr(said, "write", gone)
-        progress(0.5)
-        assert told.wait(200)
 
 
 # ------------------------------------------------------------------------------------------------------------ too large
@@ -256,18 +207,6 @@ def test_a_file_full_of_something_endless_is_refused_shortly(capsys, tmp_path):
         assert len(said) <= MOST_SAID + 100 and "mine.toml" in said, said[:300]
 
 
-def test_what_is_cut_keeps_its_beginning_and_its_end_and_what_is_short_stays_as_it_is():
-    name = "n" * 5000
-    said = cut(f"file.toml: name must be plain text, not '{name}.': take another")
-    assert said.startswith("file.toml: name must be plain text, not 'nnn") and said.endswith("n.': take another")
-    assert len(said) < 60 + MOST_REPEATED and cut(said) == said
-    plain = "a.toml: the operator's words " + "and those of others " * 20 + "aren't the session's"
-    assert cut(plain) == plain and str(InputError(plain)) == plain
-    assert len(str(InputError("word " * 20_000))) <= MOST_SAID
-    for most in (MOST_REPEATED, MOST_REPEATED - 2):
-        assert cut("x" * most) == "x" * most
-
-
 # -------------------------------------------------------------------------------------------- a tree of somebody else's
 
 
@@ -305,12 +244,6 @@ def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_pa
 
 
 # ------------------------------------------------------------------------------------------------ of others, or no text
-
-
-@posix
-def test_a_file_name_that_is_no_text_is_refused_in_one_sentence(tmp_path):
-    done = subprocess.run([sys.executable, "-m", "app.cli", "verify", b"\xff"], capture_output=True, cwd=ROOT)
-    assert (done.returncode, done.stderr) == (2, b"phd: \\udcff: there is no such folder\n")
 
 
 @posix
@@ -359,14 +292,6 @@ def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):
     task.ask(read)
     qtbot.waitUntil(lambda: bool(said))
     assert isinstance(said[0], InputError) and str(said[0]) == "theirs/sub-01: permission denied"
-
-
-@posix
-def test_a_user_without_a_home_is_told_to_name_one(tmp_path):
-    command, environment = [sys.executable, "-m", "app.cli", "--version"], os.environ | {"HOME": "nowhere"}
-    done = subprocess.run(command, capture_output=True, cwd=ROOT, env=environment)
-    said = b"phd: this user has no home folder: set HOME to the path of a folder\n"
-    assert (done.returncode, done.stdout, done.stderr) == (2, b"", said)
 
 
 @posix

@@ -254,19 +254,6 @@ def test_the_handle_is_brought_back_where_no_pointer_ever_was_and_out_of_the_han
     assert not window.client.taken
 
 
-def test_home_and_back_another_path_or_device_finds_the_handle_on_its_way_to_the_start(window: LocalWindow) -> None:
-    drive(window, moves(300))
-    window.client.ring.let_go()
-    window.client.send(m.EndSandbox())
-    window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
-    window.client.send(m.SetSandbox())
-    window.until(lambda s: s.sandbox and s.running)
-    for what in (dict(path=1), dict(path=2), dict(device="four-brake"), dict(path=1)):
-        change(window, **what)
-        tip = wait(window, 2.2)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1]
-        assert tip == pytest.approx(PAPER.paths[window.snapshot.sandbox.settings.path].start_m, abs=0.004), what
-
-
 def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
     with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         window.client.send(m.BringBack())
@@ -323,13 +310,6 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
         change(window, **what)
         assert says in window.until(lambda s, says=says: s.notice_bad and says in s.notice).notice
         assert window.snapshot.sandbox.settings == before
-
-
-def test_a_guide_below_the_brakes_own_drag_is_known(window: LocalWindow) -> None:
-    least = window.snapshot.sandbox.least_gain_N_s_m
-    assert 5.0 < least < 100.0  # the paper's low gain does nothing, 500 N s/m does
-    change(window, brake_strength=0.5)
-    assert window.until(lambda s: s.sandbox.settings.brake_strength == 0.5).sandbox.least_gain_N_s_m == 0.5 * least
 
 
 SLAVE = """

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from disks import full
 from protocols import PAPER, PEOPLE
 from sessions import run
 from simulated_loop import LocalWindow, local_window
@@ -105,19 +104,6 @@ def test_a_disk_that_does_not_answer_holds_up_nothing_but_the_start_and_says_how
     assert disk.check.text.startswith(disk.check.text.split(",")[0]) and "free" in disk.check.text
 
 
-def test_a_disk_that_is_slow_but_usable_does_not_block_the_start_while_it_is_measured_again(
-    tmp_path, held, monkeypatch
-) -> None:
-    now = [time.perf_counter()]
-    monkeypatch.setattr(preflight.time, "perf_counter", lambda: now[0])
-    disk = DiskWatch(tmp_path)
-    disk._check, disk.sync_s = m.Check("Disk", CAUTION, "1.0 s a write", "It is slow."), 1.0
-    now[0] += 5.0
-    assert disk.check.state == CAUTION and disk.slow
-    now[0] += 5.0
-    assert disk.check.state == WAITING
-
-
 def test_a_data_folder_that_is_gone_is_red_and_not_the_room_of_what_is_above_it(tmp_path: Path) -> None:
     disk = DiskWatch(tmp_path / "data")
     wait_until(lambda: disk.known)
@@ -132,36 +118,3 @@ def slow(tmp_path: Path) -> Iterator[LocalWindow]:
         window.client.state._disk.sync_s = 0.4
         window.client.state._disk.watch = lambda: None
         yield window
-
-
-def test_what_a_slow_disk_is_waited_for_is_said_before_and_is_past_afterwards(slow: LocalWindow) -> None:
-    state, said = slow.client.state, []
-
-    def show() -> None:
-        now = state.snapshot()
-        assert next(check for check in now.checks if check.name == "Recording").state == WAITING
-        assert "Waiting for the disk" in now.trial_blocker or now.stage not in (m.READY, m.NO_SESSION)
-        said.append(now.notice)
-
-    state.show = show
-    slow.open()
-    slow.start()
-    slow.until(lambda s: s.stage == m.READY)
-    slow.client.send(m.Note("slow"))
-    assert said == [
-        "Waiting for the disk: the session is opened.", "Waiting for the disk: the trial is opened.",
-        "Waiting for the disk: trial 1 is stored.", "Waiting for the disk: the journal is written.",
-    ]  # fmt: skip
-    slow.look()
-    assert not slow.snapshot.trial_blocker and "Waiting" not in slow.snapshot.notice
-    state._disk.sync_s = 0.001
-    slow.client.send(m.Note("quick"))
-    assert len(said) == 4
-
-
-def test_a_wait_that_ends_in_a_refusal_is_past_too(slow: LocalWindow, monkeypatch: pytest.MonkeyPatch) -> None:
-    slow.open()
-    monkeypatch.setattr("experiments.store.database.Database.commit", full)
-    slow.client.send(m.Note("never"))
-    slow.look()
-    assert "No space left" in slow.snapshot.notice and "Waiting" not in slow.snapshot.trial_blocker

@@ -99,8 +99,3 @@ def felt(
 def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_from_pass_to_pass(tmp_path, device):
     pairs, repeats = felt(tmp_path, device, (1, 2, 3, 4, 5))
     assert min(pairs.values()) > max(FELT_N, repeats), (pairs, repeats)
-
-
-def test_with_the_low_gain_as_printed_nothing_is_felt_of_it(tmp_path):
-    pairs, _ = felt(tmp_path, "three-brake", (1, 5), low_gain=5.0)
-    assert pairs == {(1, 5): 0.0}
