@@ -25,7 +25,7 @@ MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 
 #: The files that take longest, the longest first: short ones fill the time that is left beside the last of them.
 LONG = (
-    "test_sensitivity", "test_fault_matrix", "test_plain_numba", "test_sandbox", "test_power",
+    "test_sensitivity", "test_fault_matrix", "test_sandbox", "test_power",
     "test_texts_on_screen", "test_app_process", "test_compile_kernels",
     "test_paper_figures", "test_tutorial", "test_kernel_cache", "test_analyse_page",
     "test_said_plainly", "test_from_python", "test_guard", "test_kill",

@@ -1,8 +1,5 @@
 """No text is cut and none lies over another: on every page, in every state, at every size of window and of text."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -254,12 +251,3 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, shown: str) -> None
         analyse.show_page(shown)
     assert found_at_every_size(screens) == {}
     analyse.close_trial()
-
-
-def test_at_twice_the_pixels(request) -> None:
-    """3840 x 2160 at 200 %: Qt takes its scale when it starts."""
-    environment = {**os.environ, "QT_SCALE_FACTOR": "2"}
-    chosen = ["-p", "no:cacheprovider", "-n", "0", __file__, "-k", "running or passes"]
-    command = [sys.executable, "-m", "pytest", "-q", *chosen]
-    done = subprocess.run(command, env=environment, cwd=request.config.rootpath, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout

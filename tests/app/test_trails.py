@@ -95,16 +95,3 @@ def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(screens, m
         play(screens, [canvas], rows, said, generator)
         assert np.array_equal(trail_of(canvas), way_of(passes[begun[-1]]))
         assert pieces.furthest_px(canvas, passes[begun[-1]]) < WITHIN_PX
-
-
-def test_a_trail_stays_within_a_pixel_when_the_window_grows(screens: Screens, monkeypatch: pytest.MonkeyPatch) -> None:
-    pieces, rows, generator = Pieces(monkeypatch), whole(1, np.random.default_rng(1)), np.random.default_rng(2)
-    screens.hear(opened(""), before())
-    screens.main.show_page(TRY)
-    canvas = screens.main.pages[TRY].canvas  # type: ignore[attr-defined]
-    play(screens, [canvas], rows, {0: [a_pass(1)]}, generator)
-    few = sum(map(len, pieces[canvas]))
-    canvas.resize(3 * canvas.size())
-    canvas.grab()
-    assert pieces.furthest_px(canvas, rows) < WITHIN_PX
-    assert few < sum(map(len, pieces[canvas])) < len(way_of(rows)), "thinned by pixels"

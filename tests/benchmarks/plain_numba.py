@@ -1,4 +1,5 @@
-"""`python -m tests.benchmarks.plain_numba`: what our compiler of kernels (`core/kernels`) gains over plain numba.
+"""`python -m tests.benchmarks.plain_numba`: what our compiler of kernels (`core/kernels`) gains over plain numba, and
+that both make the same ticks to the last bit.
 
 Once both ratios are near 1, numba has caught up and `core/kernels/compiler.py` can go. Each side compiles in a new
 process with an empty cache, all that the set-up compiles; then both run the same trials in turn.
@@ -19,12 +20,13 @@ set_up.compile_loop()
 print(time.process_time() - start)
 """
 TRIALS = """
-import sys, time
+import hashlib, sys, time
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
 from experiments.trial.population import load_population
 protocol, person, least = load_protocol(), person_of(load_population(), 1, 1), float("inf")
+ticks = hashlib.sha256()
 for _ in range(20):
     spent = 0.0
     for device in protocol.devices:
@@ -32,28 +34,31 @@ for _ in range(20):
             planned = PlannedTrial(1, 1, device.name, number, 1, 1)
             trial = trial_of(protocol, person, 1, planned, switched_on(device, protocol), preset)
             start = time.process_time()
-            run_trial(trial)
+            rows = run_trial(trial)
             spent += time.process_time() - start
+            ticks.update(rows.tobytes())
     least = min(least, spent)
-print(least)
+print(least, ticks.hexdigest())
 """
 ROUNDS = 3
 SIDES = {"ours": "0", "plain numba": "1"}
 
 
-def seconds(code: str, plain: str, cache: str) -> float:
-    """What a new process prints: seconds of a processor."""
+def printed(code: str, plain: str, cache: str) -> list[str]:
+    """What a new process prints: seconds of a processor, and of trials a checksum of their ticks."""
     environment = {**os.environ, "PHD_PLAIN_NUMBA": plain, "XDG_CACHE_HOME": cache}
-    return float(subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True).stdout)
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True)
+    return done.stdout.split()
 
 
 def main() -> None:
     """Print both times of both sides, and their ratios."""
     with tempfile.TemporaryDirectory() as folder:
         caches = {side: os.path.join(folder, plain) for side, plain in SIDES.items()}
-        compiled = {side: seconds(COMPILE, plain, caches[side]) for side, plain in SIDES.items()}
-        runs = [{side: seconds(TRIALS, plain, caches[side]) for side, plain in SIDES.items()} for _ in range(ROUNDS)]
-    trials = {side: min(run[side] for run in runs) for side in SIDES}
+        compiled = {side: float(printed(COMPILE, plain, caches[side])[0]) for side, plain in SIDES.items()}
+        runs = [{side: printed(TRIALS, plain, caches[side]) for side, plain in SIDES.items()} for _ in range(ROUNDS)]
+    assert len({digest for run in runs for _, digest in run.values()}) == 1, "other ticks"
+    trials = {side: min(float(run[side][0]) for run in runs) for side in SIDES}
     for what, found in (("compile all that the set-up does", compiled), ("ten trials", trials)):
         ours, plain = (found[side] for side in SIDES)
         print(f"{what}: ours {ours:.3g} s, plain numba {plain:.3g} s of a processor, {plain / ours:.2f} times as much")

@@ -13,7 +13,6 @@ from sessions import crash_in_trial, files, session_of
 
 from app.cli import main
 from experiments.store import session as sessions
-from experiments.store.cells import cell
 from experiments.store.files import pooled_rows, write_pooled_table
 from experiments.store.reader import read_recording
 from experiments.store.session import Session
@@ -60,31 +59,11 @@ def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(
     assert float(medians[3]) == pytest.approx(100.0 * (new / old - 1.0), abs=0.06)
 
 
-def test_a_box_that_has_lost_all_its_trials_is_said_to_be_gone(study, tmp_path):
-    folder = shutil.copytree(study, tmp_path / "copy")
-    for row in read_rows(folder / "trials.csv"):
-        if (row.controller, row.configuration) == (2, "four-brake"):
-            spoil(folder, row.run)
-    changed = analyze(folder, tmp_path / "out")["changed"]
-    assert len(changed) == 3 and all("2 -> 0 trials, the box is gone" in line for line in changed)
-
-
 def test_boxes_are_compared_with_the_timeouts_that_the_figures_count(study, tmp_path):
     rows = read_rows(study / "trials.csv")
     late = [replace(row, status="timeout") if row is rows[4] else row for row in rows]
     with_it, without = (changed_boxes(study, Found(rows=late), timeouts) for timeouts in (True, False))
     assert with_it == [] and len(without) == 3
-
-
-def test_an_analysis_that_is_interrupted_leaves_no_half_of_it(study, tmp_path, monkeypatch):
-    def interrupted(data, folder, **_):
-        folder.mkdir()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("experiments.study.analyze.draw_boxplots", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        analyze(study, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_table_is_said_to_differ(study, tmp_path):
@@ -98,34 +77,6 @@ def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_tab
     assert analyze(folder, tmp_path / "fresh")["changed"] == []
     assert [fault["file"] for fault in verify(folder)["faults"]] == ["trials.csv"]
     assert resume_study(folder, {})["trials"] == 21 and verify(folder)["faults"] == []
-
-
-def test_a_resumed_session_gives_its_own_table_again_with_the_recovered_trial_in_its_place(tmp_path, monkeypatch):
-    study = tmp_path / "study"
-    with monkeypatch.context() as patch:
-        patch.setattr(sessions.Session, "finish", interrupt_at(3, sessions.Session.finish))
-        with pytest.raises(KeyboardInterrupt):
-            run_study(study, 1, short(seed="6"), PEOPLE)
-    resume_study(study, {})
-    out = tmp_path / "out"
-    analyze(study, out)
-    table = read_rows(study / "trials.csv")
-    assert [replace(row, recording="") for row in read_rows(out / "trials.csv")] == [
-        replace(row, recording="") for row in table
-    ]
-    recovered = [row for row in table if row.status == "recovered"]
-    assert [row.run for row in recovered] == [3] and cell(recovered[0]) == cell(table[-1])
-
-
-def interrupt_at(run, real):
-    """`Session.finish`, but Ctrl-C comes at this run."""
-
-    def finish(self, trial, writer):
-        if trial.planned.run == run:
-            raise KeyboardInterrupt
-        return real(self, trial, writer)
-
-    return finish
 
 
 def test_the_energy_stamp_of_every_trial_stands_in_its_row_and_in_its_file(study):

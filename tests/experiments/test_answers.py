@@ -8,7 +8,7 @@ from exports import rows, table, validate
 from sessions import closed_session, files, new_session
 
 from app.window.participant.questionnaire import ITEMS
-from experiments.analysis.charts import POOLED, AnswerSet, View
+from experiments.analysis.charts import POOLED, View
 from experiments.analysis.trials_table import as_table
 from experiments.export.export import export
 from experiments.export.files import (
@@ -83,15 +83,6 @@ def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_
     found = validate(out)
     assert not [issue for issue in found if issue[0] == "error"], found
     assert not [issue for issue in found if "PHENOTYPE" in issue[1] or "TSV" in issue[1]], found
-
-
-def test_a_block_that_a_participant_was_not_asked_about_is_not_there(tmp_path):
-    answers = [AnswerSet("01", "a", 1, 0, FIRST, ""), AnswerSet("02", "a", 2, 0, {"effort": 3.0}, "")]
-    write_phenotype(tmp_path, answers)
-    names, first, second = table(tmp_path / "phenotype" / "tlxsmoothness.tsv")
-    for name, one, other in zip(names[1:], first[1:], second[1:], strict=True):
-        assert (one == "n/a") == ("block-1" not in name)
-        assert (other == "n/a") == (name != "a_block-2_effort")
 
 
 def job(shown, data, folder, sessions):

@@ -20,7 +20,6 @@ from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow, as_table
 from experiments.protocol import label, load_protocol
-from tests.support.rows import with_measures
 
 NOTE = "Settled rules, low gain 5 N s/m, parameters assumed."
 LABELS = {number: label(preset.name) for number, preset in load_protocol().controllers.items()}
@@ -108,36 +107,10 @@ def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_ti
     assert not (tmp_path / "out").exists()
 
 
-def test_only_the_papers_own_figures_have_its_figures_numbers(tmp_path):
-    written = draw_boxplots(study_data(study(1), protocol="mine"), tmp_path / "out")
-    assert "path_error" in {path.stem for path in written} and not any("fig" in path.stem for path in written)
-
-
 def drawn(rows, **more):
     """Path error: the figure, and all that stands under it."""
     figure = draw(as_table(rows), NOTE, view_of(LONG, **more), DRAWN[:1], 6.4)
     return figure, " ".join(text.get_text() for text in figure.texts)
-
-
-def test_every_figure_says_what_it_shows_and_with_what_it_was_made_and_a_measure_without_a_value_is_drawn_empty():
-    rows = study(controllers=(1, 2))
-    for shown, trials in ((rows, "18 trials per box"), (rows[1:], "Under each box")):
-        figure, foot = drawn(shown)
-        for words in (trials, "'linear'", "1.5 box lengths", NOTE):
-            assert words in foot, words
-        assert figure.axes[0].get_title(loc="left") == "Path error (mm)"
-        assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == list(BOTH)
-    figure, _ = drawn([with_measures(row, path_error_m=None) for row in study(1, controllers=(1, 2))])
-    assert not figure.axes[0].patches and not figure.axes[0].lines
-
-
-def test_the_longest_name_of_a_controller_ends_above_the_footnote():
-    figure, _ = drawn(study(1, controllers=(1, 2)))
-    renderer = figure.canvas.get_renderer()
-    figure.draw(renderer)
-    names = [text.get_window_extent(renderer) for text in figure.axes[0].texts]
-    foot = [text.get_window_extent(renderer) for text in figure.texts]
-    assert len(names) > 5 and min(name.y0 for name in names) > max(line.y1 for line in foot)
 
 
 def marks(axes):
@@ -146,39 +119,3 @@ def marks(axes):
         (len(points.get_paths()[0].vertices), to_hex(points.get_facecolors()[0]), tuple(place))
         for points in axes.collections if isinstance(points, PathCollection) for place in points.get_offsets()
     ]  # fmt: skip
-
-
-def test_a_trial_alone_is_its_point_filled_or_open_as_the_legend_says():
-    one = study(1, blocks=(1,), segments=(1,), controllers=(1, 2))
-    figure, foot = drawn(one)
-    faces = [face for _, face, _ in marks(figure.axes[0])]
-    assert len(faces) == 4 and faces.count("#ffffff") == 2 and not figure.axes[0].patches
-    assert "1 trial per box: its point alone." in foot
-
-
-def test_points_tell_the_paths_apart_by_their_shape_and_stand_where_their_trials_are():
-    rows = study(controllers=(1, 2))
-    figure, _ = drawn(rows)
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == [*BOTH, "path 1", "path 2"]
-    found = marks(figure.axes[0])
-    corners = sorted({corner for corner, _, _ in found})
-    for corner, path in zip(corners, (2, 1), strict=True):  # a triangle has fewer than a circle
-        heights = sorted(y for of, _, (_, y) in found if of == corner)
-        assert heights == pytest.approx(sorted(1e3 * row.value("path_error_m") for row in rows if row.segment == path))
-    alone, _ = drawn([row for row in rows if row.segment == 2])
-    assert [text.get_text() for text in alone.legends[0].get_texts()] == list(BOTH)
-    assert {corner for corner, _, _ in marks(alone.axes[0])} == {corners[0]}, "a path keeps its shape"
-
-
-def test_a_second_figure_has_a_panel_for_each_path_with_its_trials_alone_on_one_scale():
-    rows = study(controllers=(1, 2))
-    figure = draw(as_table(rows), NOTE, view_of(LABELS), DRAWN[:2], 7.0, [1, 2])
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == [
-        "Path error, path 1 (mm)", "Mean tip force, path 1 (N)", "Path error, path 2 (mm)", "Mean tip force, path 2 (N)"
-    ]  # fmt: skip
-    for axes, path in ((figure.axes[0], 1), (figure.axes[2], 2)):
-        heights = sorted(y for _, _, (_, y) in marks(axes))
-        assert heights == pytest.approx(sorted(1e3 * row.value("path_error_m") for row in rows if row.segment == path))
-    assert figure.axes[0].get_ylim() == figure.axes[2].get_ylim()

@@ -3,14 +3,10 @@
 import itertools
 import math
 
-import matplotlib
 import pytest
-from matplotlib.collections import PathCollection
-from test_boxplots import BOTH, LABELS, NOTE, study, view_of
+from test_boxplots import BOTH, LABELS, study, view_of
 
 from experiments.analysis.error_against_force import diameter, halvings, joined, marks_of, shown_sizes
-from experiments.analysis.force_figure import draw_error_against_force
-from experiments.analysis.sheet import STYLE
 from experiments.analysis.trials_table import as_table
 from tests.support.rows import with_measures
 
@@ -41,22 +37,3 @@ def test_areas_are_proportional_to_smoothness_and_lines_halve_the_error():
     assert 0.0 < diameter(math.nan, 80.0) == diameter(0.0, 0.0) < 0.2
     assert halvings(0.2, 9.0) == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0] and shown_sizes(83.0) == [2.0, 20.0, 50.0]
     assert shown_sizes(0.0) == []
-
-
-def test_a_figure_names_controllers_devices_sizes_and_how_many_trials_it_is_of():
-    figure = draw_error_against_force(as_table(study()), NOTE, view_of(LABELS))
-    with matplotlib.rc_context(STYLE):
-        figure.draw_without_rendering()
-    axes = figure.axes[0]
-    said = " ".join(text.get_text() for text in figure.texts)
-    for words in (*BOTH, "Smoothness", "DFT of acceleration", "low and left", "of 18 trials", "halves the error", NOTE):
-        assert words in said, words
-    assert all(" ".join(name.split()) in said for name in LABELS.values())
-    assert sum(isinstance(marks, PathCollection) for marks in axes.collections) == 10
-    assert axes.get_yscale() == "log" and "mm" in axes.get_ylabel() and "N" in axes.get_xlabel()
-    page = figure.bbox.padded(1.0)
-    for text in figure.texts:
-        box = text.get_window_extent()
-        assert page.contains(*box.min) and page.contains(*box.max), text.get_text()
-    empty = draw_error_against_force(as_table(()), NOTE, view_of(LABELS))
-    assert not empty.axes[0].collections

@@ -13,11 +13,11 @@ from experiments.protocol import load_protocol
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
 
-POPULATIONS, OPERATORS, TRIPLES = ("average", "from-device"), 12, 60
+POPULATIONS, OPERATORS, TRIPLES = ("average", "from-device"), 8, 50
 
 
 def shares_of(population: str, generator: np.random.Generator) -> np.ndarray:
-    """Twelve people without control; a triple is three of them, whose trials on a path change controllers at random."""
+    """People without control; a triple is three of them, whose trials on a path change controllers at random."""
     protocol = load_protocol("paper")
     same = structs.replace(protocol, controllers=dict.fromkeys(protocol.controllers, protocol.controllers[1]))
     tasks: dict[str, dict[tuple[str, int], list[TrialRow]]] = {}

@@ -13,8 +13,6 @@ from experiments.export.export import export
 from experiments.store.overview import scan_folder
 from experiments.store.session import Participant, Session
 from experiments.store.stored import read_stored
-from experiments.store.study_plan import StudyPlan, write_study
-from experiments.trial.population import load_population
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\nfirst_time = ["yes", "no"]\nremarks = "text"\n'
 
@@ -38,13 +36,6 @@ def test_sessions_stand_with_how_far_they_are_and_the_newest_first(tmp_path: Pat
     session.redo(2, "something disturbed the trial")
     session.close()
     assert scan_folder(tmp_path).sessions[0].done == 3, "a trial that comes again is not done"
-
-
-def test_a_study_counts_the_operators_that_are_still_to_come(tmp_path: Path) -> None:
-    closed_session(tmp_path, 2, participant="01", protocol=short(1))
-    write_study(tmp_path, StudyPlan(3, short(1), load_population()))
-    overview = scan_folder(tmp_path)
-    assert (overview.operators, overview.done, overview.planned) == (3, 2, 60)
 
 
 def test_a_folder_without_sessions_and_a_session_that_is_damaged_are_named(tmp_path: Path) -> None:

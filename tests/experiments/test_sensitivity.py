@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -213,12 +212,6 @@ def test_an_interrupted_run_goes_on_to_the_same_table_byte_for_byte_and_runs_onl
         run_sensitivity(SensitivityRun(load_ranges(small), 5), cut, resume=True)
 
 
-def test_without_a_cluster_to_run_on_nothing_is_written(small, tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "dask.distributed", None)
-    assert main(["sensitivity", str(small), "--n", "2", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
-    assert "--cluster: needs dask.distributed" in capsys.readouterr().err and not (tmp_path / "out").exists()
-
-
 def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, monkeypatch):
     monkeypatch.setattr(jobs, "cores", lambda: 1)
     backwards = [sample.run().rows for sample in reversed(SensitivityRun(load_ranges(small), 3).samples())]
@@ -258,14 +251,6 @@ def test_a_wrong_ranges_file_is_one_sentence_and_nothing_is_written(small, tmp_p
     (tmp_path / "ranges.toml").write_text(text)
     assert says in refusal(capsys, "sensitivity", tmp_path / "ranges.toml", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_other_controllers_than_the_papers_have_no_statements_to_judge(small, tmp_path, capsys):
-    text = (small.parent / "small.toml").read_text().replace("gap_m = 0.005", "gap_m = 0.0")
-    (tmp_path / "small.toml").write_text(text)
-    (tmp_path / "ranges.toml").write_text(RANGES)
-    assert main(["sensitivity", str(tmp_path / "ranges.toml"), "--out", str(tmp_path / "out")]) == 2
-    assert "not those of the paper's Table I" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_the_shipped_ranges_can_be_run_and_say_what_they_rest_on():

@@ -2,7 +2,6 @@
 
 import io
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,8 +14,6 @@ from hypothesis import strategies as st
 
 from app.cli import main
 from core.files import InputError
-from core.kernels.cache import watchers
-from core.simulator import simulation
 from core.simulator.simulation import ROW_WIDTH, STUCK
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
@@ -156,34 +153,3 @@ def test_a_result_that_half_the_step_contradicts_carries_a_warning(scene, tmp_pa
     said = capsys.readouterr()
     assert said.err.startswith("warning: ")
     assert len(json.loads(said.out)["warnings"]) >= 1
-
-
-def test_karnopp_says_that_it_is_for_comparison_before_it_runs(scene, tmp_path: Path, capsys):
-    scene("integrator = 'karnopp'\n", 0.1)
-    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "verb.csv"), "--json"]) == 0
-    assert capsys.readouterr().err.startswith(f"note: {tmp_path / 'scene.toml'}: karnopp, Eq. (6), is for comparison")
-
-
-def test_what_has_to_be_compiled_first_counts_as_compiling_and_not_as_simulating(
-    scene, tmp_path: Path, capsys, monkeypatch
-):
-    """Whatever other verbs have compiled before."""
-    run_rows, called, now = simulation.run_rows, [], [100.0]
-
-    def compiled_at_first(*arguments):
-        if not called:
-            for watcher in watchers:
-                watcher(1, 1, "run_rows")
-                now[0] += 0.5
-                watcher(1, 1, "")
-        called.append(arguments)
-        return run_rows(*arguments)
-
-    scene()
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    for first in (True, False):
-        monkeypatch.setattr(simulation, "run_rows", compiled_at_first)
-        assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / f"{first}.csv")]) == 0
-        said = capsys.readouterr().out
-        assert ("(and 0.5 s of compiling, on first use)" in said) == first and "simulated in 0 s" in said
-    assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from core import tick_log
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.simulation_errors import HAND, STEP, Moved, error_sentence, error_table
+from experiments.analysis.simulation_errors import HAND, STEP, Moved
 from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.study import unrecorded
@@ -71,17 +71,3 @@ def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
     motion = slice(tick_log.TIP_X, tick_log.TIP_X + 4)
     apart = [np.max(np.abs(one[:, motion] - finer[:, motion])) for one in (once, fine)]
     assert 0.0 < apart[1] < 0.05 * apart[0] and apart[0] < 5e-5  # second order: a tenth of the step, a hundredth
-
-
-def test_the_table_and_its_sentence_show_what_was_found():
-    moved = [
-        Moved(2, STEP, "path_error_m", 4, 1e-6, 2e-6, 0.03),
-        Moved(4, STEP, "path_error_m", 4, 3e-6, 9e-5, 0.5),
-        Moved(4, HAND, "path_error_m", 4, 4e-6, 8e-5, None),
-    ]
-    table = error_table(moved, {2: "SDOF"}).splitlines()
-    assert table[2].startswith(f"| SDOF | {STEP} | 0.001 / 0.002 (3 %) |")
-    assert table[3].startswith(f"| controller 4 | {STEP} | 0.003 / 0.09 (50 %) |")
-    assert table[4].startswith(f"| controller 4 | {HAND} | 0.004 / 0.08 |")
-    assert "path error 0.003 (0.09) mm" in error_sentence(moved)
-    assert error_sentence([]) == ""

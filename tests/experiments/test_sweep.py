@@ -115,28 +115,6 @@ def test_a_sweep_draws_each_key_against_each_measure_and_names_the_one_that_move
     assert f"at {least} to " in summary["moves_most"][0] and summary["moves_most"][0].endswith(f"at {most}")
 
 
-def test_every_row_names_its_controller_as_the_protocol_does_or_by_its_numbers(whole):
-    rows = csv_rows(whole[1] / "sweep.csv")
-    assert list(rows[0])[-1] == "controller_name"
-    assert {(row["kind"], row["gap_m"]): row["controller_name"] for row in rows} == {
-        ("none", "0.0"): "None", ("sdof", "0.0"): "SDOF", ("sdof", "0.005"): "SDOF with gap",
-        ("proportional", "0.0"): "proportional, gap 0 mm, gain 400 N s/m",
-    }  # fmt: skip
-
-
-def test_a_sweep_that_an_earlier_version_began_goes_on_to_the_same_table(file, whole, tmp_path):
-    sweep, out, old = load_sweep(file), whole[1], tmp_path / "old"
-    (old / "parts").mkdir(parents=True)
-    (old / "sweep.json").write_bytes((out / "sweep.json").read_bytes())
-    for job in sweep.jobs[2:5]:  # as they were without the name at the end
-        lines = [",".join(line.split(",")[:20]) + "\n" for line in job.run().rows.decode().splitlines()]
-        (old / "parts" / f"{job.number:06d}.csv").write_text("".join(lines))
-    (old / "parts" / "000001.csv").write_bytes(sweep.jobs[0].run().rows)
-    (old / "parts" / "000002.csv").write_bytes(b"")
-    assert run_sweep(sweep, old, resume=True)["already_done"] == 1
-    assert (old / "sweep.csv").read_bytes() == (out / "sweep.csv").read_bytes()
-
-
 def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     """Without control nothing but the device acts: another rule set must not change a single digit."""
     jobs = [job for job in load_sweep(file).jobs if job.preset.name == "none"]
@@ -198,13 +176,6 @@ def test_what_stands_in_the_file_cannot_be_said_beside_it(file, tmp_path, capsys
     assert "--operators: stands in the file of a sweep" in capsys.readouterr().err
     assert main(["study", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
     assert "--cluster: is for --sweep alone" in capsys.readouterr().err
-
-
-def test_the_name_arena_means_the_sweep_that_ships(file, capsys):
-    assert "a sweep needs a new or empty folder" in refusal(capsys, "study", "arena", "--out", file.parent)
-    assert "stands in the file of a sweep, arena" in refusal(
-        capsys, "study", "arena", "--seed", 2, "--out", file.parent
-    )
 
 
 def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path):

@@ -4,7 +4,6 @@ What a machine has no compiler for is skipped; the width of an int is looked at 
 """
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -74,40 +73,6 @@ def test_no_compiler_warns(processor: str, tmp_path: Path) -> None:
             [*compiler, *FLAGS, "-c", part, "-o", tmp_path / f"{part.stem}.o"], capture_output=True, text=True
         )
         assert done.returncode == 0 and not done.stderr, done.stderr
-
-
-@needs_compiler
-def test_a_number_that_is_wrong_for_a_processor_does_not_compile(tmp_path: Path) -> None:
-    for file in (*HEADERS, SOURCES / "phd_board.c"):
-        shutil.copy(file, tmp_path)
-    header = tmp_path / "phd_board.h"
-    right = header.read_text()
-    for typed, wrong in (
-        ("(UINT32_C(1000) * PHD_WATCHDOG_MS)", "(1000 * PHD_WATCHDOG_MS)"),
-        ("UINT32_C(100000)", "UINT32_C(34464)"),
-        ("UINT32_C(1000000)\n", "(int32_t)1000000\n"),
-    ):
-        assert typed in right
-        header.write_text(right.replace(typed, wrong))
-        done = subprocess.run(
-            [COMPILER, *FLAGS, "-c", tmp_path / "phd_board.c", "-o", tmp_path / "board.o"],
-            capture_output=True,
-            text=True,
-        )
-        assert done.returncode != 0 and "phd_assert_" in done.stderr
-
-
-@needs_compiler
-@pytest.mark.parametrize("header", HEADERS, ids=lambda header: header.name)
-def test_a_compiler_for_cpp_is_told_that_the_functions_are_c(header: Path) -> None:
-    """By the preprocessor alone, which every C compiler has."""
-    done = subprocess.run(
-        [COMPILER, "-E", "-P", "-undef", "-nostdinc", "-D__cplusplus=201103L", "-"],
-        input="".join(line + "\n" for line in header.read_text().splitlines() if not line.startswith("#include <")
-                      and not line.startswith('#include "')),
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert re.fullmatch(r'extern "C" \{\n.*\n\}\n?', done.stdout.strip(), re.S), done.stdout
 
 
 @pytest.mark.parametrize("processor", CPP)

@@ -22,7 +22,7 @@ from app.window.main_window import PAGES
 from app.window.program import make_ready
 from app.window.windows import Windows
 
-SETTLE_S = 0.2  # the event loop runs for so long after each
+SETTLE_S = 0.1  # the event loop runs for so long after each
 
 
 class CollectionLog:
@@ -136,7 +136,7 @@ def main() -> None:
             build_pages(int(sys.argv[2]))
         case "windows":
             build_windows(int(sys.argv[2]))
-    settle(1.0)
+    settle(0.3)
     gc.callbacks.clear()
     print(json.dumps({"all": log.all, "elsewhere": log.elsewhere, "longest_ms": 1e3 * log.longest_s}))
 
