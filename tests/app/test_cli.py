@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from refusals import refusal
 
-from app import __version__
 from app.cli import main
 from app.progress import ProgressBar
 from core.device import load_device
@@ -62,16 +61,6 @@ WRONG_FILES = {
     "force file missing": ("scene.toml", "force.csv", "push.csv", r"force\.file: push\.csv: cannot be read"),
     "not TOML": ("scene.toml", "step_s =", "step_s", r"scene\.toml: is not valid TOML"),
 }
-
-
-@pytest.mark.parametrize("file, pattern, replacement, says", WRONG_FILES.values(), ids=WRONG_FILES)
-def test_wrong_files_give_one_sentence_exit_2_and_nothing_written(
-    folder, capsys, file, pattern, replacement, says
-):  # fmt: skip
-    change(folder / file, pattern, replacement)
-    before = files(folder)
-    assert re.search(says, refusal(capsys, "simulate", "scene.toml", "--out", "out.csv"))
-    assert files(folder) == before
 
 
 LINKS = "must be sim, serial:PORT, socket://HOST:NUMBER or driver:FILE.py"
@@ -150,12 +139,6 @@ def test_every_verb_explains_itself(capsys, verb):
     assert "example:\n  phd " + verb[0] in said.out if verb else "simulate" in said.out
 
 
-def test_version_is_that_of_the_package(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"phd {__version__}\n"
-    assert f'version = "{__version__}"' in (ROOT / "pyproject.toml").read_text()
-
-
 def fail_with(monkeypatch, error: BaseException) -> None:
     """Make every scene end in this error, once its file is there."""
 
@@ -204,18 +187,6 @@ def test_progress_shows_on_a_terminal_only_and_only_after_a_second(monkeypatch, 
             progress(0.5)
             assert ("50 %" in capsys.readouterr().err) == shows
         assert bool(capsys.readouterr().err) == shows  # the bar is wiped again
-
-
-def test_progress_names_the_time_left_at_the_pace_since_it_began(monkeypatch, capsys):
-    now = [100.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    progress = ProgressBar("study")
-    for after, share, left in ((2.0, 0.5, ""), (1200.0, 0.6, ", 1 h 20 min left"), (4760.0, 0.999, "")):
-        now[0] += after
-        progress(share)
-        shown = capsys.readouterr().err
-        assert f"{100.0 * share:.0f} %{left}\033[K" in shown and ("left" in shown) == bool(left)
 
 
 def phd(*arguments: str, **options) -> subprocess.Popen:

@@ -1,7 +1,4 @@
-"""kill -9 of window, control loop and session server in mid-trial: what ends, what goes on, and what is kept.
-
-At random moments: `python -m tests.benchmarks.random_kills 60`.
-"""
+"""kill -9 of window, control loop and session server in mid-trial: what ends, what goes on, and what is kept."""
 
 import contextlib
 import os

@@ -128,19 +128,6 @@ def test_on_the_bench_the_time_is_that_of_the_sample_and_a_lost_one_follows_the_
     assert np.allclose(streams.ticks.times, due_s, atol=2e-5)
 
 
-def test_a_look_at_the_clocks_that_is_held_up_moves_no_time(streams, monkeypatch) -> None:
-    true_s, looks = streams.outlets._offset_s(), iter(range(100))
-
-    def held_up() -> float:
-        now_s = time.perf_counter() + true_s
-        if next(looks) != 3:
-            time.sleep(0.01)
-        return now_s
-
-    monkeypatch.setattr(streams.outlets, "_clock", held_up)
-    assert streams.outlets._offset_s() == pytest.approx(true_s, abs=3e-3)
-
-
 def test_a_line_that_waited_for_the_disk_has_the_time_of_its_event(streams: SimpleNamespace) -> None:
     at = now()
     time.sleep(0.3)

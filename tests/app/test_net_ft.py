@@ -16,9 +16,8 @@ from waiting import wait_until
 from core import tick_log
 from core.device_file import ForceSensor
 from core.device_interface import DeviceError, DeviceSample
-from core.files import InputError
 from hardware.sensing.net_ft import SILENT_S, NetFT
-from hardware.serial_device import SerialDevice, device_at
+from hardware.serial_device import SerialDevice
 
 pytest.importorskip("pynetft", reason="pynetft is not installed: ATI sensors cannot be read")
 
@@ -187,14 +186,6 @@ def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_windo
 )  # fmt: skip
 def test_a_force_that_cannot_be_is_refused(link, force, says, capsys, tmp_path) -> None:
     assert says in refusal(capsys, "run", "--link", link, "--force", force, "--data-dir", tmp_path)
-
-
-def test_a_device_is_a_board_alone_or_with_a_sensor(bench: RealBench) -> None:
-    assert "force_sensor" not in device_at(bench.device, "/dev/a port").report()
-    both = device_at(bench.device, "/dev/a port netft::1")
-    assert both.port == "/dev/a port"
-    with pytest.raises(InputError, match="the force sensor at :1 cannot be read"):
-        both.open()
 
 
 def test_closing_stops_the_stream(sensor: PlayedSensor) -> None:

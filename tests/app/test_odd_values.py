@@ -134,13 +134,6 @@ def test_an_event_of_odd_values_costs_itself_alone(data, capsys, name, about, sa
     opened(data)
 
 
-def test_an_event_at_no_time_and_one_that_nobody_knows_cost_themselves_alone(data, capsys):
-    add_event(data, "note", {"text": "x"}, time="noon")
-    add_event(data, "eaten", {"by": "the dog"})
-    text = said(data, capsys)
-    assert "time cannot be" in text or "Invalid isoformat" in text
-
-
 RECORDINGS = {
     "a run that is a text": ({"run": "1"}, {}, "run cannot be '1'"),
     "a participant that is a number": ({"participant": 7}, {}, "participant cannot be 7"),

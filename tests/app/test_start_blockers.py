@@ -8,7 +8,7 @@ from status_messages import status
 
 from app.ipc import messages as m
 from app.session_server.preflight import check_real, check_sensor
-from app.window.home.start import Loaded, Wanted, session_blocker, standing_of, start_blockers, start_text
+from app.window.home.start import Loaded, Wanted, standing_of, start_blockers, start_text
 from app.window.widgets.preflight import advice
 from core.files import InputError
 from experiments.store.overview import SessionOverview
@@ -54,12 +54,6 @@ def test_while_a_session_is_open_that_is_the_only_reason() -> None:
         WANTED._replace(participant="", form_problems=["Fill in age."]), "02", before(checks=RED), False
     )
     assert only.startswith("The session of 02 is open: close it to open or choose another.")
-
-
-def test_a_dead_session_server_is_replaced_by_the_start_unless_a_board_is_still_to_be_connected() -> None:
-    dead = m.Snapshot(m.FAILED, checks=GREEN)
-    assert session_blocker("", "", dead, False) == "" and session_blocker("", "No board.", dead, False) == "No board."
-    assert session_blocker("", "", m.Snapshot(m.PREPARING), False).startswith("Waiting for the session server")
 
 
 def test_the_button_says_what_it_does() -> None:

@@ -1,8 +1,6 @@
 """Paths drawn in a CSV table or an SVG picture."""
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +8,8 @@ import pytest
 from core.drawn_path import read_path
 from core.files import InputError
 from core.path import MOST_POINTS, build_path
-from experiments.plan import print_plan
-from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json
-from experiments.protocol_writer import whole_text
 
 pytestmark = pytest.mark.nojit
-
-EXAMPLE = Path("docs/examples/protocols/drawn.toml")
 
 
 def read(text, **entry):
@@ -103,17 +96,3 @@ def test_a_picture_is_placed_with_its_curves_and_y_upwards():
 def test_a_drawing_that_is_no_path_is_refused_in_a_sentence(text, entry, reason):
     with pytest.raises(InputError, match=rf"^path 1.*{reason}"):
         read(text, **entry)
-
-
-def test_the_plan_says_smoothing_and_length_and_a_stored_protocol_needs_no_file(tmp_path):
-    protocol = load_protocol(EXAMPLE)
-    plan = print_plan(protocol, "01")
-    assert "paths/letters.csv" in plan and "smoothed over 1 mm" in plan and "0.474 m long" in plan
-    again = protocol_from_json(json.loads(json.dumps(protocol_to_json(protocol))), "stored")
-    assert again.paths == protocol.paths and print_plan(again, "01") == plan
-    alone = tmp_path / "alone.toml"
-    alone.write_text(whole_text(protocol, "alone", ""), encoding="utf-8")
-    assert load_protocol(alone).paths == protocol.paths
-    (tmp_path / "moved.toml").write_text(EXAMPLE.read_text(encoding="utf-8"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"spiral\.svg: cannot be read"):
-        load_protocol(tmp_path / "moved.toml")

@@ -94,23 +94,3 @@ def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
         crash_in_trial(session)
     sessions.Session.resume(tmp_path, "01", sync=False).close()
     assert list(write_pooled_table(tmp_path)["energy_residual_J"].notna()) == [True, False]
-
-
-def test_the_findings_of_two_studies_stand_side_by_side_and_why_those_that_fail_do(study, tmp_path, capsys):
-    other = tmp_path / "other"
-    shutil.copytree(study, other)
-    before = files(study)
-    assert main(["analyze", str(other), "--beside", str(study), "--out", str(tmp_path / "out")]) == 0
-    text = (tmp_path / "out" / "side-by-side.md").read_text()
-    head = next(line for line in text.splitlines() if line.startswith("| |"))
-    assert f"| other | {study.name} |" in head and text.count("\n| ") >= 11
-    for line in text.splitlines():
-        if re.match(r"\| \d+ \|", line):  # the same data: the same verdicts, within each participant and by boxes
-            of_other, of_study, *by_boxes = line.strip("|").split("|")[2:]
-            assert of_other == of_study and len(set(by_boxes)) == 1
-    assert files(study) == before
-    capsys.readouterr()
-    assert main(["analyze", str(other), "--beside", str(other), "--out", str(tmp_path / "no")]) == 2
-    assert "cannot be told apart" in capsys.readouterr().err and not (tmp_path / "no").exists()
-    assert main(["analyze", str(other), "--beside", str(tmp_path), "--out", str(tmp_path / "no")]) == 2
-    assert "holds no session" in capsys.readouterr().err and not (tmp_path / "no").exists()

@@ -99,18 +99,6 @@ def test_creep_is_the_largest_displacement_over_elapsed_time():
     assert creep(SCENES[0], tips) is None
 
 
-@pytest.mark.parametrize("peer", PEERS.values(), ids=PEERS)
-@pytest.mark.parametrize("scene", SCENES, ids=_name)
-def test_a_peer_has_the_same_mechanism(peer, scene):
-    """At a small step it comes near our motion, and nearer than at a large one."""
-    if peer.version() is None:
-        pytest.skip(f"{peer.name} is not installed")
-    tips = simulated(BenchRun(scene, "event", "ideal", 1e-4))[1]
-    far, near = (np.linalg.norm(peer.run(scene, step).tips() - tips, axis=1).max() for step in (5e-3, 1e-4))
-    assert near < 4e-4
-    assert near < 0.3 * far
-
-
 def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
     """Also without a peer, which is then said not to be there."""
     monkeypatch.setitem(PEERS, "mujoco", Peer("MuJoCo", lambda: None, PEERS["mujoco"].run))

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from exports import rows as csv_rows
 from own_files import DAMPER, FREE, PROTOCOL, controller_of, own_experiment
-from protocols import protocol_of
 
 from core import tick_log
 from core.control import sdof
@@ -20,7 +19,7 @@ from core.files import InputError
 from experiments.plan import PlannedTrial
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_writer import protocol_text, save_protocol
-from experiments.store.metadata import preset_from_json, preset_to_json
+from experiments.store.metadata import preset_from_json
 from experiments.store.reader import read_recording
 from experiments.store.session import Participant, Session
 from experiments.study.controller_check import check_controller
@@ -209,9 +208,3 @@ def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: t
     file.write_text((PROTOCOL + FREE).replace(*change))
     with pytest.raises(InputError, match=wanted):
         load_protocol(file)
-
-
-def test_the_papers_protocol_is_stored_as_before():
-    assert "code" not in protocol_to_json(load_protocol())
-    assert set(preset_to_json(load_protocol().controllers[2])) >= {"name", "kind", "gap_m"}
-    assert protocol_of(load_protocol().text).controllers[2].own is None

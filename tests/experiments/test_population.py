@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from people import AVERAGE, somebody
+from people import AVERAGE
 from scipy import stats
 
 from core.files import InputError, shipped_names
@@ -42,13 +42,6 @@ def test_every_shipped_number_has_a_unit_and_a_source_and_says_where_it_is_assum
         published = re.search(r"PMC|PMID|srep|[A-Z]\w+ \d{4}", spread.source)
         assert published or spread.source.startswith("assumed"), key
     assert population.assumed_of == ("people",)
-
-
-def test_a_file_of_before_lacks_cursor_and_end_and_its_people_are_who_they_were():
-    later = ("sees_cursor", "aims_at_end")
-    assert Person._fields[-2:] == later  # the draws of the others are as they were
-    assert not any(key in AVERAGE.text for key in later)
-    assert (somebody(3).sees_cursor, somebody(3).aims_at_end) == (1.0, 0.0)
 
 
 def test_people_whose_error_comes_from_the_device_have_no_error_of_their_own_and_tune_nothing_to_findings():

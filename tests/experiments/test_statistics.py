@@ -5,17 +5,14 @@ from itertools import product
 
 import numpy as np
 import pytest
-from exports import rows as rows_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from protocols import study_data
 from recorded import record, ticks
 from scipy import stats
 
 from core import tick_log
 from core.tick_log import PHASES
 from experiments.analysis.movement import amplitude_sum, tip_acceleration, weighted_amplitudes, without_ramp
-from experiments.analysis.report import write_report
 from experiments.analysis.report_sentences import sentences
 from experiments.analysis.sensitivity import (
     SMOOTHNESS,
@@ -372,17 +369,3 @@ def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each
         assert found[device, "acceleration_dft_sum", "4", "1"] == 4.0
         assert found[device, "acceleration_exact_dft_sum", "4", "1"] == 16.0
     assert not any(measure == "sparc" for _, measure, _, _ in found)  # nearer 0 is smoother: no ratio
-
-
-def test_the_tables_are_tidy(tmp_path):
-    write_report(study_data(study(people=3)), tmp_path)
-    lines = rows_in(tmp_path / "participant_means.csv")
-    assert len(lines) == 3 * 2 * 5
-    assert all(float(line["path_error_m"]) == pytest.approx(1e-3 * int(line["controller"])) for line in lines)
-    found = rows_in(tmp_path / "statistics.csv")
-    assert {line["test"] for line in found} == {"mean", "friedman", "difference", "trend", "order"}  # all as fast
-    assert all(line["p"] == line["p_holm"] == line["low"] == "" for line in found)
-    numbered = rows_in(tmp_path / "findings.csv")
-    assert [line["number"] for line in numbered] == [str(n) for n in range(1, 12)]
-    boxes = {"by_boxes", "margin_by_boxes", "why_by_boxes"}
-    assert set(numbered[0]) == {"number", "statement", "verdict", "numbers", "sentence", *boxes}

@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from protocols import study_data
 from test_boxplots import study
 
 from experiments.analysis.findings import BELOW, ERROR, Claim, Evidence
-from experiments.analysis.report import write_report
 from experiments.analysis.report_sentences import sentences
 from experiments.analysis.statistics import Interval, pairs, statistics, trend
 from experiments.analysis.trials_table import as_table
@@ -56,11 +54,3 @@ def test_a_difference_stands_in_its_unit_first_and_in_percent_only_of_a_mean_tha
     said = Evidence(claim, ERROR, ("three-brake", "three-brake"), claim.matters, "", unit, found).judged
     assert all(word in said for word in words) and not any(word in said for word in never), said
     assert "%" not in said.split(" mm")[0]
-
-
-def test_a_report_counts_the_people_that_differ_and_says_why_there_is_no_p(tmp_path):
-    write_report(study_data(study(3, controllers=(1, 2)), protocol="mine"), tmp_path)
-    page = (tmp_path / "report.md").read_text()
-    header, *lines = (tmp_path / "statistics.csv").read_text().splitlines()
-    assert "differ,missing" in header and any("3 of the 6 people" in line for line in lines)
-    assert "3 of the 6 people that a p-value needs" in page

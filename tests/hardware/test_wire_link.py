@@ -14,7 +14,6 @@ from core.files import InputError
 from hardware.emulated_board.line_faults import read_fault
 from hardware.sensing.samples import ZERO_SAMPLES
 from hardware.serial_device import Connection, SerialDevice
-from hardware.serial_port import find_port, usb_ports
 from hardware.wire.frames import FrameDecoder
 from hardware.wire.messages import Bye, Command, Limits, State, unpack
 
@@ -217,16 +216,6 @@ def test_limits_that_were_not_asked_for_are_no_connection(monkeypatch: pytest.Mo
     monkeypatch.setattr(Connection, "ask", generous)
     with pytest.raises(InputError, match="other current limits"):
         reached(bench)
-
-
-def test_ports_that_come_and_go_while_they_are_listed_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    def vanished() -> list:
-        return [int(None, 16)]  # type: ignore[call-overload]  # as pyserial where a USB port has just gone
-
-    monkeypatch.setattr("hardware.serial_port.list_ports.comports", vanished)
-    assert usb_ports() == {}
-    with pytest.raises(InputError, match="there are: none"):
-        find_port("auto")
 
 
 def test_zero_takes_what_is_read_with_no_hand_and_no_current(bench: Bench, link: SerialDevice) -> None:
