@@ -320,12 +320,12 @@ def made_trials(n: int, people: int = 3) -> pd.DataFrame:
 
 
 def test_trials_drawn_anew_without_control_differ_as_those_of_controllers_that_do_nothing():
-    judged = judge(made_trials(100), ("three-brake", "four-brake"), 1)
+    judged = judge(made_trials(200), ("three-brake", "four-brake"), 1)
     made, drawn = judged.holds.mean(), judged.chance.mean()
     assert 0.05 < made[10] < 0.5 < made[6] < 0.98  # worth comparing
     for number, p in made.items():
         assert (
-            abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / 100) + 0.02
+            abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / 200) + 0.02
         )
 
 
