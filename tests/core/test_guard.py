@@ -43,7 +43,7 @@ def test_no_hand_within_the_push_gets_into_an_obstacle_and_without_the_guard_mos
     device: Device, most: float, play: bool
 ) -> None:
     rng, least, entered = np.random.default_rng(11), [], 0
-    for _ in range(25):
+    for _ in range(60):
         task = random_task(rng, most)
         with_guard, without = (
             guarded(device, task.obstacle, guard) for guard in (Guard(push_N=most, release="clear"), None)
@@ -51,7 +51,7 @@ def test_no_hand_within_the_push_gets_into_an_obstacle_and_without_the_guard_mos
         least.append(run_reach(pushed_device(device, task.tip, play), with_guard, task.forces).least)
         entered += run_reach(pushed_device(device, task.tip, play), without, task.forces).least < 0.0
     assert min(least) > 0.0
-    assert entered > 12
+    assert entered > 40
     assert np.median(least) < 0.04, "the guard stops far from what it guards"
 
 
@@ -60,14 +60,14 @@ def test_no_hand_within_the_push_gets_into_an_obstacle_and_without_the_guard_mos
 def test_no_hand_of_the_full_push_gets_in_where_the_guard_was_sure(name: str, kind: int) -> None:
     """Straight, run-ups, turning, rocking, any pushes: the small end of what tests/benchmarks/guard_reaches.py does."""
     rng, came = np.random.default_rng(2026 + kind), []
-    while len(came) < 8:
+    while len(came) < 12:
         found = attack_with(random_attack(rng, kind), DISPLAYS[name], Guard(push_N=PUSHES_N[name]), DEFAULTS)
         came += [found] if found else []
     for found in came:
         assert found.first_unsure > 0.0 or found.unsure > 0
         assert found.least > 0.0 or found.first_unsure == 0.0, f"{1e3 * found.least:.1f} mm"
     sure = [found for found in came if found.first_unsure > 0.0]
-    assert len(sure) > 2
+    assert len(sure) > 3
     if name == "er-two-brake":
         assert all(found.unsure == 0 for found in came), "without play the promise is for ever"
 
@@ -93,7 +93,7 @@ def test_a_hand_seen_late_by_encoders_stays_out_too_and_only_because_the_guard_k
     """A long filter and delay; push and speed of a hand that the guard sees 70 ms ago."""
     late, guard = Assumptions(sensing=ENCODERS, filter_samples=61, delay_samples=10), Guard(push_N=8.0)
     rng, least = np.random.default_rng(15), []
-    for _ in range(25):
+    for _ in range(40):
         task = random_task(rng, 8.0)
         least.append([
             run_reach(
@@ -103,7 +103,7 @@ def test_a_hand_seen_late_by_encoders_stays_out_too_and_only_because_the_guard_k
         ])  # fmt: skip
     known, unknown = np.array(least).T
     assert known.min() > 0.0
-    assert np.count_nonzero(unknown < 0.0) > 2
+    assert np.count_nonzero(unknown < 0.0) > 5
 
 
 def test_a_push_beyond_what_is_allowed_for_gets_in() -> None:
@@ -188,7 +188,7 @@ def test_a_hand_that_pushed_too_hard_is_let_go_when_it_pulls_away(name: str) -> 
 
 def test_who_feigns_a_pull_does_not_get_in_either() -> None:
     rng = np.random.default_rng(14)
-    for _ in range(20):
+    for _ in range(40):
         task = random_task(rng, 17.0)
         came = run_reach(
             pushed_device(FOUR, task.tip), guarded(FOUR, task.obstacle, Guard(push_N=17.0)), task.forces, feigns=True
