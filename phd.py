@@ -11,6 +11,7 @@ says which of how many.
 """
 
 from app.frames import boxes, load_recording, load_trials, replay, run_scene, run_study, statistics
+from app.progress import watch_compiling
 from app.scripted_session import HandTick, Session, SessionTrial, SimulatedPerson
 from core.device import Device, load_device
 from core.device_from_values import device
@@ -23,3 +24,5 @@ __all__ = [
     "device", "load_device", "load_recording", "load_trials", "protocol", "replay", "run_scene", "run_study",
     "statistics",
 ]  # fmt: skip
+
+watch_compiling()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from app.progress import ProgressBar, watch_compiling
+from app.progress import ProgressBar
 from core.device import Device
 from core.files import InputError
 from experiments.analysis.charts import boxes as _boxes
@@ -54,7 +54,6 @@ def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFra
     then relative to `folder` (default: the current one).
     attrs["summary"]: what the verb prints; its warnings are raised as Python's.
     """
-    watch_compiling()
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary) / "motion.csv"
         text = str(scene) if "\n" in str(scene) else None
@@ -88,7 +87,6 @@ def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
     if n_jobs == 0 or n_jobs < -1 or operators < 1:
         raise InputError("n_jobs must be at least 1, or -1 for one a core, and operators at least 1")
     people = load_population(population)
-    watch_compiling()
     load_kernels()
     if isinstance(protocol, Protocol):
         asked = read_protocol(protocol.text, Path(), protocol.name, devices, **overrides)
@@ -152,7 +150,6 @@ def replay(
     """
     if run_own_code:
         allow_code(unallowed_code(Path(file).absolute().parent.parent).values())
-    watch_compiling()
     load_kernels()
     summary = _replay(file, Replacement(controller, device))
     frame = Frame.from_dict(summary["metrics"], orient="index", columns=["before", "after", "change"])

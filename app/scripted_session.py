@@ -20,7 +20,6 @@ import numpy as np
 import pandas as pd
 
 from app.frames import Frame
-from app.progress import watch_compiling
 from core import tick_log
 from core.device import Device
 from core.device_interface import DeviceError, DeviceSample, RealDevice
@@ -102,7 +101,6 @@ class Session:
         self._bench: Bench | None = None
 
     def __enter__(self) -> Self:
-        watch_compiling()
         if not is_half_created(self.folder):
             self._stored = StoredSession.resume(self.data_folder, self.participant)
             if self._stored.protocol.text != self.protocol.text:

@@ -20,8 +20,6 @@ from protocols import short
 
 import phd
 from app.frames import Frame
-from app.progress import CompileProgress
-from core.kernels.cache import watchers
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import load_protocol, protocol_to_json
@@ -79,7 +77,7 @@ def test_a_scene_has_the_rows_of_its_file_from_a_path_or_from_text(tmp_path: Pat
         phd.run_scene(LOCKED.read_text().replace("three-brake", "no-such"))
 
 
-def test_importing_changes_nothing_in_the_callers_process():
+def test_importing_changes_nothing_in_the_callers_process_and_a_bar_shows_what_is_compiled_later():
     code = """
 import os, signal, sys, warnings
 import numpy, pandas, pyarrow, scipy
@@ -89,31 +87,10 @@ before = state()
 import phd
 assert state() == before, "something changed"
 assert not {"matplotlib", "PySide6"} & set(sys.modules), "slow to import"
+from core.kernels.cache import watchers
+assert [type(one).__name__ for one in watchers] == ["CompileProgress"]
 """
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
-
-
-def test_on_first_use_stderr_says_which_kernel_of_how_many_is_compiled(monkeypatch: pytest.MonkeyPatch):
-    class Seen(Exception):
-        pass
-
-    def compiles():
-        assert [type(watcher) for watcher in watchers] == [CompileProgress]
-        raise Seen
-
-    monkeypatch.setattr("app.frames.load_kernels", compiles)
-    try:
-        for call in (lambda: phd.run_study("paper", operators=1), lambda: phd.replay("none")):
-            watchers.clear()
-            with pytest.raises(Seen):
-                call()
-    finally:
-        watchers.clear()
-
-
-def test_the_door_has_few_names_and_each_is_explained():
-    assert len(phd.__all__) <= 18
-    assert all(getattr(phd, name).__doc__ for name in phd.__all__)
 
 
 def test_the_suite_tests_what_the_wheel_holds_and_nothing_of_the_tree():
@@ -201,7 +178,8 @@ def test_a_frame_shows_all_of_its_columns():
         assert "..." not in shown and all(f"column_{n}" in shown for n in range(60))
 
 
-def test_every_name_and_member_of_the_door_is_explained():
+def test_the_door_has_few_names_and_each_and_its_members_are_explained():
+    assert len(phd.__all__) <= 18
     for name in phd.__all__:
         found = getattr(phd, name)
         assert found.__doc__ and not found.__doc__.startswith(f"{name}("), name
