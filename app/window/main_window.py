@@ -109,9 +109,9 @@ class Footer(QWidget):
     def show_pulse(self, pulse: m.Pulse) -> None:
         proof, verified = pulse.proof, pulse.verified
         if proof is None:
-            self.recording.setText(f"{counted(verified, 'run')} verified" if verified else "")
+            self.recording.setText(f"{counted(verified, 'recording')} verified" if verified else "")
             return
-        earlier = {0: "", 1: "1 earlier run verified"}.get(verified, f"all {verified} earlier runs verified")
+        earlier = {0: "", 1: "1 earlier one verified"}.get(verified, f"all {verified} earlier ones verified")
         parts = [f"Recording {proof.name}", f"{grouped(proof.rows)} rows", size(proof.bytes)]
         parts += [f"last write {proof.age_s:.1f} s ago", earlier]
         self.recording.setText(PART.join(filter(None, parts)))

@@ -69,7 +69,7 @@ class Point(NamedTuple):
     y: float  # in the chart's unit
     controller: int | str  # whose colour it has; "": none
     look: int  # as `LOOKS`
-    text: str  # participant, controller, run and value, in words
+    text: str  # participant, controller, trial and value, in words
     row: TrialRow | None = None
 
 
@@ -124,6 +124,7 @@ class View(NamedTuple):
     logarithmic: bool = False
     measures: tuple[Metric, ...] = DRAWN  # a chart each
     colours: Mapping[Controller, int] = {}  # controller -> the place of its colour; a code has none
+    trials: Mapping[tuple[str, int], str] = {}  # participant, run -> "trial 4, second try"; a first one may be left out
 
     def look(self, configuration: str) -> int:
         """The index in `LOOKS` of a configuration."""
@@ -134,6 +135,10 @@ class View(NamedTuple):
         if isinstance(controller, str):
             return controller.rpartition(" ")[2]
         return self.names.get(controller, f"controller {controller}").replace("\n", " ")
+
+    def trial(self, row: TrialRow) -> str:
+        """What a trial is called."""
+        return self.trials.get((row.participant, row.run), f"trial {row.run}")
 
     def timeouts_on(self, chart: Chart) -> tuple[bool, bool]:
         """Whether trials whose time was up are in a chart's boxes, and else above its scale: they have no speed."""
@@ -347,7 +352,7 @@ def _chart(page: str, trials: Trials, metric: Metric, view: View, x: Callable[[T
         for row in as_rows(chosen):
             value = metric.scale * row.value(metric.name)
             status = {"done": "", "timeout": " · time was up"}.get(row.status, f" · {row.status}")
-            who = f"Participant {row.participant} · {view.name(row.controller)} · run {row.run}"
+            who = f"Participant {row.participant} · {view.name(row.controller)} · {view.trial(row)}"
             text = f"{who} · {significant(value)} {metric.shown_unit}{status}"
             found.append(Point(x(row), value, row.controller, view.look(row.configuration), text, row))
         return tuple(found)

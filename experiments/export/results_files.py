@@ -27,6 +27,7 @@ from experiments.export.files import answers_and_notes, write_answers_and_notes
 from experiments.export.results import Results, ResultsJob, read_results
 from experiments.progress import Progress, no_progress
 from experiments.store import journal
+from experiments.store.cells import trial_names
 from experiments.store.files import TABLE
 from experiments.store.reader import read_recording
 from experiments.store.stored import StoredSession, read_stored
@@ -40,16 +41,16 @@ LOOKS: dict[str, dict[str, Any]] = {
     "text": {"fontsize": 9.0},
     "fixed": {"fontsize": 6.2, "family": "DejaVu Sans Mono"},  # a table, in letters of one width
 }
-#: What is listed under "Faults and decisions", as a sentence over the fields of the event.
+#: What is listed under "Faults and decisions", as a sentence over the fields of the event and the name of its trial.
 LISTED = {
     journal.BRAKES_OFF.name: "brakes off: {cause}",
-    journal.LOOP_LOST.name: "run {run}: the control loop ended: {reason}",
+    journal.LOOP_LOST.name: "{trial}: the control loop ended: {reason}",
     journal.WINDOW_LOST.name: "the window ended while the session was open",
     journal.REPAIRED.name: "what a crash had left open was closed",
     journal.CLOCK_JUMPED.name: "the clock of the computer was set by {seconds} s",
-    journal.SKIPPED.name: "run {run} skipped: {reason}",
-    journal.REDONE.name: "run {run} repeated: {reason}",
-    journal.EXCLUDED.name: "run {run} excluded: {reason}",
+    journal.SKIPPED.name: "{trial} skipped: {reason}",
+    journal.REDONE.name: "{trial} repeated: {reason}",
+    journal.EXCLUDED.name: "{trial} excluded: {reason}",
     journal.PAUSED.name: "paused",
     journal.UNBLINDED.name: "the key was opened by {who}",
 }
@@ -106,7 +107,7 @@ def session_lines(session: Path) -> list[tuple[str, str]]:
         *_head_lines(stored, results, events),
         *_measures(results),
         *_timing(session, results.trials),
-        *_faults_and_decisions(events),
+        *_faults_and_decisions(events, {run: name for (_, run), name in trial_names(as_rows(results.trials)).items()}),
     ]
 
 
@@ -148,13 +149,13 @@ def _measures(results: Results) -> Iterator[tuple[str, str]]:
 
 def _timing(session: Path, trials: Trials) -> Iterator[tuple[str, str]]:
     yield "head", "Timing of the control loop"
-    lateness, warnings, timings = [], [], []
-    for run, name in zip(trials["run"], trials["recording"], strict=True):
-        if name:
-            recording = read_recording(session / name)
+    lateness, warnings, timings, names = [], [], [], trial_names(as_rows(trials))
+    for row in as_rows(trials):
+        if row.recording:
+            recording, name = read_recording(session / row.recording), names[row.participant, row.run]
             if recording.damaged:
-                warnings.append(f"run {run}: {'; '.join(recording.damaged)}")
-            warnings += [f"run {run}: {warning}" for warning in recording.outcome.get("warnings", ())]
+                warnings.append(f"{name}: {'; '.join(recording.damaged)}")
+            warnings += [f"{name}: {warning}" for warning in recording.outcome.get("warnings", ())]
             if recording.rows:
                 lateness.append(recording.column("lateness_us"))
                 timings.append(recording.outcome.get("timing", {}))
@@ -186,11 +187,15 @@ def lateness_causes(timings: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _faults_and_decisions(events: Sequence[journal.JournalEntry]) -> Iterator[tuple[str, str]]:
+def _faults_and_decisions(
+    events: Sequence[journal.JournalEntry], trials: Mapping[int, str]
+) -> Iterator[tuple[str, str]]:
+    """trials: run -> name."""
     yield "head", "Faults and decisions"
     marks = [entry for entry in events if entry.event.name in LISTED]
     for entry in marks:
-        yield "text", f"{entry.time[11:19]}  {LISTED[entry.event.name].format(**entry.about)}"
+        trial = trials.get(run := entry.about.get("run", 0), f"trial {run}")
+        yield "text", f"{entry.time[11:19]}  {LISTED[entry.event.name].format(**entry.about, trial=trial)}"
     if not marks:
         yield "text", "None."
     if notes := [entry for entry in events if entry.event is journal.NOTE]:

@@ -21,7 +21,10 @@ NTH = ("", "", "second", "third", "fourth", "fifth", "sixth")  # try of a trial
 
 def try_of(trial: PlannedTrial | TrialRow, rows: Sequence[TrialRow]) -> str:
     """ ", second try" of a trial that was tried before, among the rows of its session; "" of a first one."""
-    number = 1 + sum(cell(row) == cell(trial) and row.run < trial.run for row in rows)
+    return _nth_try(1 + sum(cell(row) == cell(trial) and row.run < trial.run for row in rows))
+
+
+def _nth_try(number: int) -> str:
     if number == 1:
         return ""
     return f", {NTH[number]} try" if number < len(NTH) else f", try {number}"
@@ -30,6 +33,17 @@ def try_of(trial: PlannedTrial | TrialRow, rows: Sequence[TrialRow]) -> str:
 def trial_name(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial], rows: Sequence[TrialRow]) -> str:
     """ "trial 4, second try", by the plan that the experimenter sees."""
     return f"trial {place(trial, plan)}{try_of(trial, rows)}" if trial.block else "practice"
+
+
+def trial_names(rows: Iterable[TrialRow]) -> dict[tuple[str, int], str]:
+    """Participant and run -> "trial 4, second try", of all rows of any sessions: the plan's runs are its trials."""
+    tries: dict[tuple, list[TrialRow]] = {}
+    for row in sorted(rows, key=lambda row: row.run):
+        tries.setdefault((row.participant, cell(row)), []).append(row)
+    return {
+        (row.participant, row.run): f"trial {same[0].run}{_nth_try(number)}"
+        for same in tries.values() for number, row in enumerate(same, start=1)
+    }  # fmt: skip
 
 
 def finished_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:

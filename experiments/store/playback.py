@@ -19,6 +19,7 @@ from core.path import PathFile, Segment, build_path, path_from
 from experiments.analysis.colours import colour_places
 from experiments.analysis.trials_table import Controller, TrialRow, is_code
 from experiments.recording import TEXT_COLUMNS, Recording, recording_columns
+from experiments.store.cells import trial_names
 from experiments.store.files import rows_of
 from experiments.store.journal import EXCLUDED, exclusion_of
 from experiments.store.reader import read_recording
@@ -36,7 +37,7 @@ class Playback:
     way: PathFile  # the path to follow
     obstacles: tuple[ObstacleFile, ...]
     row: TrialRow | None  # None: the recording is in no table
-    title: str  # "P03 run 27"
+    title: str  # "participant 03, trial 27"
     controller: str  # its name, or its code in a blind session
     about: str  # device, path, block
     blind: bool  # what reveals the controller must not be shown
@@ -62,7 +63,10 @@ def read_playback(path: Path) -> Playback:
     way = way_of(recording)
     ticks = ticks_of(recording, way)
     about = recording.metadata
-    row = next((row for row in rows_of(session) if row.recording and session / row.recording == path.resolve()), None)
+    rows = rows_of(session)
+    row = next((row for row in rows if row.recording and session / row.recording == path.resolve()), None)
+    planned = f"trial {about.get('run', '?')}" if about.get("block", 1) else "practice"
+    trial = planned if row is None else trial_names(rows)[row.participant, row.run]
     controller = about.get("controller", "?") if row is None else row.controller
     controllers: dict[Controller, str] = {number: preset.name for number, preset in stored.protocol.controllers.items()}
     named = about.get("preset", {}).get("name") or f"controller {controller}"
@@ -75,7 +79,7 @@ def read_playback(path: Path) -> Playback:
         way=way,
         obstacles=stored.protocol.obstacle,
         row=row,
-        title=f"P{about.get('participant', '?')} run {about.get('run', '?')}",
+        title=f"participant {about.get('participant', '?')}, {trial}",
         controller=str(controller) if is_code(str(controller)) else controllers.get(controller, named),
         about=" · ".join(str(part) for part in place if part),
         blind=is_code(str(controller)),

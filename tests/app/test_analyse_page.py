@@ -285,7 +285,7 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots(qtbot, dat
     page._show()
     point = next(p for p in page.plots[1].chart.points if p.row == row)
     click(page.plots[1], point.x, point.y)
-    assert page.chosen == row and page.side.isVisible() and page.side.title.text() == f"P02 run {row.run}"
+    assert page.chosen == row and page.side.isVisible() and page.side.title.text() == f"Participant 02, trial {row.run}"
     assert "no recording" in page.side.note.text()
     for plot in page.plots[:3]:
         (x, y), wanted = ringed(plot)[0], next(p for p in plot.chart.points if p.row == row)
@@ -318,7 +318,7 @@ def test_what_is_under_the_pointer_is_named_by_participant_controller_run_and_va
     point = next(p for p in page.plots[0].points.points() if p.data().row == row)
     tip = page.plots[0]._tip(0.0, 0.0, point.data())
     error_mm = 1e3 * row.value("path_error_m")
-    assert tip == f"Participant 02 · controller {row.controller} · run {row.run} · {error_mm:.3g} mm"
+    assert tip == f"Participant 02 · controller {row.controller} · trial {row.run} · {error_mm:.3g} mm"
     page.logarithmic.click()  # a box says its numbers, on any scale
     placed = page.plots[0].chart.boxes[2]
     device = page.results.configurations[placed.look]
@@ -343,7 +343,7 @@ def recorded(qtbot, tmp_path: Path, two_trials: Path) -> AnalysePage:
 
 def test_a_recording_that_is_asked_for_opens_among_the_trials_of_its_data_folder(qtbot, tmp_path, recorded) -> None:
     page = recorded
-    assert page.results.folder == (tmp_path / "data").resolve() and page.side.title.text() == "P01 run 2"
+    assert page.results.folder == (tmp_path / "data").resolve() and page.side.title.text() == "Participant 01, trial 2"
     qtbot.waitUntil(lambda: len(page.plots[0].points.points()) == 2, timeout=60_000)
     assert all(len(ringed(plot)) == 1 for plot in page.plots[:3]) and not page.side.playing
     page.keys()["start"]()

@@ -68,7 +68,7 @@ def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path, r
 
 def test_it_says_which_trial_it_is(view: TrialView) -> None:
     text = " · ".join(label.text() for label in (view.title, view.about))
-    for part in ("P03 run 7", "SDOF with gap", "three-brake", "path 1", "block 2", "in no table"):
+    for part in ("Participant 03, trial 7", "SDOF with gap", "three-brake", "path 1", "block 2", "in no table"):
         assert part in text
 
 

@@ -32,6 +32,7 @@ from experiments.analysis.trials_table import as_table
 from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import lateness_causes, session_lines, write_results
+from experiments.store.cells import trial_names
 from experiments.store.playback import device_of, read_playback
 from experiments.store.reader import read_recording
 from experiments.store.stored import read_stored
@@ -126,7 +127,9 @@ def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controll
     chart = charts(page, as_table(rows), view)[0]
     named = coloured([chart], view)
     assert list(named) == [1, 2, 3, 4, 5] and named[4] == "Proportional, high gain"
-    assert all(f" · {view.name(point.row.controller)} · run {point.row.run} · " in point.text for point in chart.points)
+    assert all(
+        f" · {view.name(point.row.controller)} · trial {point.row.run} · " in point.text for point in chart.points
+    )
     (key,) = chart_figure(chart, as_table(rows), "", view).legends
     looks = {text.get_text(): dot.get_color() for text, dot in zip(key.get_texts(), key.get_lines(), strict=True)}
     assert [looks.pop(f"path {path}") for path in (1, 2)] == 2 * [Line2D([], []).get_color()], "of no controller"
@@ -207,12 +210,22 @@ def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(d
     for part in (
         "Session of participant 01", "Protocol ", "20 trials planned; 3 rows: 1 done, 1 redone, 1 excluded.",
         "1 trial excluded by the experimenter", "path error", "The trials did not run in real time.",
-        "run 1 repeated: looked away", "run 2 excluded: the participant sneezed", "asked to move a little slower",
+        "trial 1 repeated: looked away", "trial 2 excluded: the participant sneezed", "asked to move a little slower",
     ):  # fmt: skip
         assert part in text
     job = ResultsJob(POOLED, as_table(()), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
     assert write_results(job) == 1
     assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_repeated_trial_keeps_the_name_of_the_first_on_charts_and_in_the_report():
+    rows = study()[:60]
+    again = [replace(rows[3], run=61), replace(rows[3], run=62)]
+    named = trial_names([*again, *rows])
+    assert named["01", 4] == "trial 4" and named["01", 61] == "trial 4, second try"
+    assert named["01", 62] == "trial 4, third try" and named["01", 60] == "trial 60"
+    chart = charts(ORDER, as_table([*rows, *again]), VIEW._replace(trials=named))[0]
+    assert sum(" · trial 4, second try · " in point.text for point in chart.points) == 1
 
 
 def test_a_report_says_whose_fault_late_ticks_are_and_what_is_not_known():
@@ -230,7 +243,11 @@ def test_a_report_says_whose_fault_late_ticks_are_and_what_is_not_known():
 def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_path(data):
     path = data / "sub-01" / "ses-01" / "trials" / "run-003.parquet"
     trial, recording = read_playback(path), read_recording(path)
-    assert trial.title == "P01 run 3" and trial.row.run == 3 and len(trial.error) == len(trial.ticks) == len(trial.t)
+    assert (
+        trial.title == "participant 01, trial 3"
+        and trial.row.run == 3
+        and len(trial.error) == len(trial.ticks) == len(trial.t)
+    )
     moving = ~np.isnan(trial.error)
     tip = np.column_stack([recording.columns[name] for name in ("tip_x_m", "tip_y_m")])[moving]
     away = along_path(tip, build_path(PAPER.paths[trial.row.segment], "path"))[1]

@@ -57,7 +57,7 @@ from experiments.analysis.trials_table import STATUSES, TrialRow, Trials, as_row
 from experiments.atomic_files import first_free, partial_name
 from experiments.export.results import Results, ResultsJob, read_results
 from experiments.plan import counted
-from experiments.store.cells import finished_cells
+from experiments.store.cells import finished_cells, trial_names
 from experiments.store.journal import exclude_run
 from experiments.store.playback import Playback, read_playback
 
@@ -147,7 +147,7 @@ class AnalysePage(Page):
     # what the main window hands over
 
     def show_setup(self, setup: m.Setup) -> None:
-        self._data_dir = setup.data_dir
+        self._data_dir, self.opened = setup.data_dir, None
 
     def show_opened(self, opened: m.Opened) -> None:
         if self.opened is not None and opened.folder != self.opened.folder:
@@ -259,7 +259,8 @@ class AnalysePage(Page):
         measures = tuple(metric for metric in (*DRAWN, *results.own) if metric.name in self.measures.chosen)
         shown = measures[:MOST_CHARTS] or DRAWN
         colours = colour_places(results.controllers)
-        return View(devices or results.configurations, results.labels, results.lengths, *on, shown, colours)
+        names = trial_names(as_rows(results.trials))
+        return View(devices or results.configurations, results.labels, results.lengths, *on, shown, colours, names)
 
     def show_page(self, page: str) -> None:
         """One of `PAGES`, or of the axes of the first."""
@@ -364,7 +365,9 @@ class AnalysePage(Page):
     def open_trial(self, row: TrialRow) -> None:
         """Beside the charts, and ringed in all of them."""
         self.chosen = row
-        self.side.show_row(row, colour_of(row.controller, self.results.controllers if self.results else {}))
+        if self.results is not None:
+            name = trial_names(as_rows(self.results.trials)).get((row.participant, row.run), "")
+            self.side.show_row(row, name, colour_of(row.controller, self.results.controllers))
         if row.recording and self.results is not None:
             self._opening.ask(read_playback, self.results.folder / row.recording)
         self._show_side(True)

@@ -80,7 +80,7 @@ class TrialView(Panel):
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.frame)
-        self.dot, self.title = text_label("●", size=theme.TITLE), text_label("", size=theme.TITLE, bold=True)
+        self.dot, self.title = text_label("●", size=theme.TITLE), OneLine("", "", theme.TITLE, bold=True)
         self.about, self.measures = OneLine(""), wrapped_label("", size=theme.SMALL)
         self.measures.setTextFormat(Qt.TextFormat.RichText)
         self.note = OneLine("", "quiet")
@@ -121,7 +121,7 @@ class TrialView(Panel):
     def _lay_out(self) -> None:
         self._middle = column((self.workspace, 3), (self.traces, 4))
         self.setLayout(column(
-            row(self.dot, self.title, 1, self.exclude, *self.steps), self.about, self.measures,
+            row(self.dot, self.title, self.exclude, *self.steps), self.about, self.measures,
             (self._middle, 1), row(self.play_button, self.speed, self.clock, (self.beside, 1)),
             self.note, spacing=5, margins=(12, 8, 12, 10),
         ))  # fmt: skip
@@ -154,7 +154,7 @@ class TrialView(Panel):
         self.trial = trial
         row = trial.row
         self.dot.setStyleSheet(f"color: {colour_at(trial.colour)}")
-        self.title.setText(trial.title)
+        self.title.setText(f"P{trial.title[1:]}")
         status = (
             f"{row.status if row is not None else 'in no table'}{' · damaged: some ticks are missing' * trial.damaged}"
         )
@@ -177,10 +177,10 @@ class TrialView(Panel):
         self.beside.setEnabled(self.beside.count() > 1)
         self.go_to(float(trial.t[start_of_hold(trial.ticks)]))
 
-    def show_row(self, row: TrialRow, colour: str) -> None:
-        """A trial is being read, or has no recording: its row is all there is; colour: of its controller."""
+    def show_row(self, row: TrialRow, name: str, colour: str) -> None:
+        """A trial is being read, or has no recording: row, name and colour of its controller are all there is."""
         self.dot.setStyleSheet(f"color: {colour}")
-        self.title.setText(f"P{row.participant} run {row.run}")
+        self.title.setText(f"Participant {row.participant}, {name}")
         self.exclude.hide()
         if not row.recording:
             self.note_that(f"This trial was {row.status}: there is no recording.", bad=True)

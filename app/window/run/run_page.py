@@ -269,6 +269,7 @@ class RunPage(Page):
             self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
             self.workspace.show()
         self.workspace.view.show_obstacles(opened.protocol.obstacle)
+        self.questions.show_language(opened.protocol.sentences)
         self._refresh()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:

@@ -114,7 +114,7 @@ class SessionCards(Cards):
             return notice
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"
-        text = f"{counted(kept, 'run')} {are} recorded and verified in {opened.folder}."
+        text = f"{counted(kept, 'recording')} {are} kept and verified in {opened.folder}."
         lacking = len(finished_cells(snapshot.rows)[1])
         if lacking:
             have = "trials has" if lacking == 1 else "trials have"
