@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fake_ticks import ACROSS, ALONG, TIP, quiet
 from PySide6.QtCore import QPointF, QRectF
+from PySide6.QtGui import QPainter, QPicture
 
 from app.window.canvas.force_view import BRAKES, HAND
 from app.window.canvas.layers import (
@@ -26,6 +27,7 @@ from app.window.canvas.layers import (
 )
 from app.window.canvas.linkage_view import VALUES, WHOLE, Readout, Workspace
 from app.window.canvas.marks import ARROW_MOST_PX, arrow_of
+from app.window.canvas.path_marks import paint_way_out
 from app.window.canvas.plane import Plane
 from core import tick_log
 from core.control.rule_sets import SETTLED
@@ -228,3 +230,16 @@ def test_the_field_of_a_tick_is_read_from_its_row_and_found_again_from_its_place
 
 def test_where_the_controller_did_not_decide_a_tick_has_no_field() -> None:
     assert field_of(np.full(tick_log.WIDTH, math.nan)) is None
+
+
+def test_the_arrow_to_a_handle_out_of_sight_is_seen_whole_in_a_corner_too(qtbot) -> None:
+    view, arrows = Plane(QRectF(-0.1, 0.3, 0.2, 0.2), follows_mouse=False), []
+    view.resize(400, 300)
+    for tip in ((0.9, -0.9), (-0.9, 0.9), (0.9, 0.4), (0.0, -0.9)):
+        view.show_handle(tip)
+        picture = QPicture()
+        painter = QPainter(picture)
+        paint_way_out(painter, QRectF(view.rect()), view.to_screen(tip))
+        painter.end()
+        arrows.append(picture.boundingRect())
+    assert all(view.rect().contains(arrow) for arrow in arrows), arrows

@@ -2,6 +2,7 @@
 
 from itertools import product
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 from fake_client import GREEN, RED, before, opened, ready, running
@@ -65,13 +66,100 @@ def session(folder: Path, participant: str, done: int, of: int = 60) -> SessionO
     return SessionOverview(folder / f"sub-{participant}" / "ses-01", participant, "paper", done, of, 1.7e9)
 
 
-def test_a_newcomer_reads_what_the_session_is_and_starts_it_with_one_click(shown: Shown) -> None:
-    page = shown.page
-    assert page.summary.text() == SUMMARY and page.participant.text() == "01"
-    assert page.checks.shown == (), "what is well stands in the header"
-    assert "No sessions yet" in shown.texts() and page.standing.text() == "new"
-    shown.click(page.start)
-    assert shown.sent == [m.Open("01")] and shown.setups == []
+class Seen(NamedTuple):
+    """What Home shows of a data folder, an open session and a name that is typed, and what its button does then."""
+
+    reads: str = ""  # all of these can be read
+    start: str = ""  # the words of the button
+    sends: list | None = None  # what it sends; None: it cannot be pressed
+    said: m.Snapshot = before()
+    sessions: tuple[tuple[str, int], ...] = ()  # in the folder, the newest first: participant, trials done
+    changes: dict[str, Any] = {}  # noqa: RUF012  (never changed) of the newest of them
+    operators: int = 0
+    typed: str = ""  # the participant
+    open: str = ""  # whose session
+    dead: str = ""  # buttons that cannot be pressed, with the reason
+
+
+NEW, BEGUN = "Start session   01 · 60 trials", (("02", 14), ("01", 60))
+OPEN_01 = {"start": "Go to the session   01", "sends": [], "open": "01", "sessions": (("02", 14), ("01", 3))}
+IN_SESSION = "The session of 01 is open: close it"
+STUDY = "holds a study of 3 simulated operators"
+HOME = {
+    "new": Seen(f"{SUMMARY} | No sessions yet | new", NEW, [m.Open("01")]),
+    "red": Seen(" | ".join(check.advice for check in RED if check.advice), NEW, said=before(checks=RED)),
+    "waiting": Seen("connecting … The board is being reached.", NEW,
+                    said=before(checks=(m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))),
+    "preparing": Seen("Waiting for the session server", NEW, said=m.Snapshot(m.PREPARING)),
+    "refused": Seen("participant 01: exists already", NEW, [m.Open("01")],
+                    before(notice="participant 01: exists already", notice_bad=True)),
+    "too long": Seen("at most 20 characters, not 21", f"Start session   {21 * 'x'} · 60 trials", typed=21 * "x"),
+    "with blanks": Seen("new", "Start session   07 · 60 trials", [m.Open("07")], typed=" 07 "),
+    "a study": Seen(
+        f"Study of 3 simulated operators · 3 sessions · 180 of 180 trials | 60 of 60 | {STUDY}",
+        "Start session   04 · 60 trials", sessions=(("03", 60), ("02", 60), ("01", 60)), operators=3, typed="04",
+    ),
+    "without a result": Seen("60 of 60 | 3 without a result", sessions=(("02", 60),), changes={"lacking": 3},
+                             start="Open session   02 · complete", sends=[m.Open("02", resume=True)], typed="02"),
+    "begun": Seen("14 of 60 done, paper protocol", "Resume session   02 · 46 trials left", [m.Open("02", resume=True)],
+                  sessions=BEGUN, typed="02"),
+    "by their own protocol": Seen("Participant 02 goes on by their own protocol, mine.",
+                                  "Resume session   02 · 46 trials left", [m.Open("02", resume=True)], sessions=BEGUN,
+                                  changes={"protocol": "mine"}, typed="02"),
+    "done": Seen("60 of 60 done", "Open session   01 · complete", [m.Open("01", resume=True)], sessions=BEGUN,
+                 typed="01"),
+    "declined": Seen("does not take part", "Start session", sessions=BEGUN, changes={"declined": True}, typed="02"),
+    "in a trial": Seen(IN_SESSION, **OPEN_01, said=running(3), dead="Resume | Close"),
+    "in a session": Seen(IN_SESSION, **OPEN_01, said=ready(3), dead="Resume"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("state", HOME)
+def test_what_can_be_read_and_started_in_each_state(shown: Shown, state: str) -> None:
+    page, seen = shown.page, HOME[state]
+    if seen.open:
+        page.show_opened(opened(seen.open))
+    page.show_snapshot(seen.said)
+    newest, *others = [session(shown.setup.data_dir, who, done) for who, done in seen.sessions] or [None]
+    if newest is not None:
+        shown.look(newest._replace(**seen.changes), *others, operators=seen.operators)
+    if seen.typed:
+        shown.type(page.participant, seen.typed)
+    settle(page)
+    text = shown.texts()
+    assert all(words in text for words in filter(None, seen.reads.split(" | "))), text
+    assert page.start.text() == seen.start and page.start.isEnabled() == (seen.sends is not None)
+    assert page.protocol.isEnabled() == (not seen.open)
+    buttons = [button for button in page.data.findChildren(QPushButton) if button.isVisible()]
+    dead = {button.text() for button in buttons if not button.isEnabled() and button.text()}
+    assert dead == set(filter(None, seen.dead.split(" | ")))
+    if seen.sends is not None:
+        shown.click(page.start)
+        assert shown.sent == seen.sends and shown.pages == ([(RUN, None)] if seen.open else [])
+
+
+def test_each_session_of_the_folder_leads_to_what_comes_of_it(shown: Shown) -> None:
+    page, folder = shown.page, shown.setup.data_dir
+    done, begun = session(folder, "01", 60), session(folder, "02", 14)
+
+    def press(text: str) -> None:
+        settle(page)
+        buttons = (button for button in page.data.findChildren(QPushButton) if button.isVisible())
+        shown.click(next(button for button in buttons if button.text() == text))
+
+    shown.look(begun, done)
+    for text in ("Resume", "Results", "Results of all"):
+        press(text)
+    assert shown.sent == [m.Open("02", resume=True)] and "Opening …" in shown.texts()
+    assert shown.pages == [(ANALYSE, done.folder), (ANALYSE, folder)]
+    page.show_snapshot(before(notice="refused", notice_bad=True))
+    shown.type(page.participant, "02")
+    assert not page.blind.isEnabled(), "of a session that is there this was settled when it began"
+    page.show_opened(opened("01"))
+    page.show_snapshot(ready(3))
+    shown.look(session(folder, "01", 3))
+    press("Close")
+    assert shown.pages[2:] == [(RUN, m.Leave())] and len(shown.sent) == 1, "Run asks first"
 
 
 #: done trials of the sessions in the folder (the newest first), the open session -> the main button, what it does
@@ -112,26 +200,6 @@ def test_rare_choices_are_behind_more_and_the_plan_behind_show_plan(shown: Shown
     assert page.plan.isVisible() and not page.data.isVisible()
     shown.click(page.show_plan)
     assert page.data.isVisible()
-
-
-def test_blanks_around_a_name_are_left_out_and_a_name_that_is_too_long_is_refused_at_its_field(shown: Shown) -> None:
-    page = shown.page
-    shown.type(page.participant, 21 * "x")
-    assert "at most 20 characters, not 21" in page.why.text() and not page.start.isEnabled()
-    shown.type(page.participant, " 07 ")
-    shown.click(page.start)
-    assert shown.sent == [m.Open("07")]
-
-
-def test_a_red_check_keeps_the_start_grey_and_says_why_and_what_to_do(shown: Shown) -> None:
-    page = shown.page
-    page.show_snapshot(before(checks=RED))
-    assert not page.start.isEnabled() and page.checks.shown == tuple(c for c in RED if c.state != m.GOOD)
-    assert RED[3].advice in shown.texts() and page.why.text() == "", "nothing is said twice"
-    page.show_snapshot(m.Snapshot(m.PREPARING))
-    assert not page.start.isEnabled() and page.why.text().startswith("Waiting for the session server")
-    page.show_snapshot(before(notice="participant 01: exists already", notice_bad=True))
-    assert "participant 01: exists already" in page.why.text()
 
 
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
@@ -302,47 +370,6 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
 
 
-def test_a_folder_with_180_trials_is_never_called_empty(shown: Shown) -> None:
-    folder = shown.setup.data_dir
-    shown.look(*(session(folder, f"0{n}", 60) for n in (3, 2, 1)), operators=3)
-    assert "Study of 3 simulated operators · 3 sessions · 180 of 180 trials" in shown.texts()
-    assert shown.texts().count("60 of 60") == 3 + 1  # and of participant 01, who is typed
-    assert "No sessions" not in shown.texts() and "othing recorded" not in shown.texts()
-    shown.type(shown.page.participant, "04")
-    assert not shown.page.start.isEnabled() and "holds a study of 3 simulated operators" in shown.page.why.text()
-    shown.click(shown.page.data.whole)
-    assert shown.pages == [(ANALYSE, folder)]
-    shown.look(session(folder, "02", 60)._replace(lacking=3))
-    assert "60 of 60" in shown.texts() and "3 without a result" in shown.texts()
-
-
-def test_a_session_goes_on_where_it_was_and_a_finished_one_shows_its_results(shown: Shown) -> None:
-    page, folder = shown.page, shown.setup.data_dir
-    done, begun = session(folder, "01", 60), session(folder, "02", 14)
-    shown.look(begun, done)
-    settle(page)
-    buttons = [button for button in page.data.findChildren(QPushButton) if button.isVisible()]
-    resume, results = (next(b for b in buttons if b.text() == text) for text in ("Resume", "Results"))
-    shown.click(resume)
-    shown.click(results)
-    assert shown.sent == [m.Open("02", resume=True)] and shown.pages == [(ANALYSE, done.folder)]
-    assert "Opening …" in shown.texts()
-    page.show_snapshot(before(notice="refused", notice_bad=True))
-    page.show_snapshot(before())
-    shown.type(page.participant, "02")
-    assert (
-        page.start.text() == "Resume session   02 · 46 trials left" and "14 of 60 done, paper protocol" in shown.texts()
-    )
-    shown.look(begun._replace(protocol="mine"))
-    assert page.summary.text() == "Participant 02 goes on by their own protocol, mine."
-    shown.look(begun, done)
-    assert not page.blind.isEnabled(), "of a session that is there this was settled when it began"
-    shown.type(page.participant, "01")
-    assert page.start.text() == "Open session   01 · complete"
-    shown.click(page.start)
-    assert shown.sent[-1] == m.Open("01", resume=True)
-
-
 def test_code_out_of_a_sessions_folder_is_asked_about_before_the_session_goes_on(shown: Shown, monkeypatch) -> None:
     page, folder, allowed = shown.page, shown.setup.data_dir, []
     monkeypatch.setattr("app.window.widgets.own_code.unallowed_code", lambda folder: {"odd.py (SHA-256 123)": "text"})
@@ -367,24 +394,6 @@ def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_
         page.show_opened(opened(participant))
     shown.wait()
     assert page.participant.text() == "02" and page.setup == page.chosen
-
-
-def test_while_a_session_is_open_nothing_else_is_started(shown: Shown) -> None:
-    page, folder = shown.page, shown.setup.data_dir
-    page.show_opened(opened("01"))
-    for stage in (running(3), ready(3)):
-        page.show_snapshot(stage)
-        shown.look(session(folder, "02", 14), session(folder, "01", 3))
-        settle(page)
-        buttons = {button.text(): button for button in page.data.findChildren(QPushButton) if button.isVisible()}
-        assert not buttons["Resume"].isEnabled() and "session of 01 is open" in buttons["Resume"].toolTip()
-        assert buttons["Close"].isEnabled() == (stage.stage == m.READY), "not in mid-trial"
-    assert not page.protocol.isEnabled()
-    assert page.start.text() == "Go to the session   01" and "close it" in page.why.text()
-    shown.click(page.start)
-    assert shown.pages == [(RUN, None)] and shown.sent == []
-    shown.click(buttons["Close"])
-    assert shown.pages[1:] == [(RUN, m.Leave())] and shown.sent == [], "Run asks first"
 
 
 def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:

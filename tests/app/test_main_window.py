@@ -1,80 +1,36 @@
-"""The console, offscreen, on a fake bench: what it shows of what it is told, what it sends of what is done to it."""
+"""The window around the pages, on a fake bench: lights, keys, footer, help, what closing asks, the server's end."""
 
 import gc
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_client import (
-    GREEN,
-    LONG_BREAK,
-    PLAN,
-    PRESETS,
-    RED,
-    FakeClient,
-    before,
-    movement,
-    opened,
-    pulse,
-    ready,
-    result,
-    running,
-    ticks,
-)
+from fake_client import PLAN, RED, FakeClient, before, movement, opened, pulse, ready, running
+from page_table import press, read
 from PySide6.QtCore import QEvent, QObject, QSettings, Qt, QTimer
+from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
 from screens import Screens, settle, visible_texts
-from sessions import session_of
 from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window import program
+from app.window.canvas.linkage_view import REACHABLE
 from app.window.main_window import PAGES, SMALLEST, MainWindow
-from app.window.run.session_cards import REDO
 from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
-from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY, Checklist
+from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY
+from app.window.widgets.theme import COLOURS
 from app.window.widgets.work import VerbProcess
 from core import tick_log
 from core.files import InputError
 from experiments.store.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
-
-
-@pytest.mark.parametrize("state", [m.BAD, m.WAITING])
-def test_no_trial_starts_while_a_check_is_red_or_waiting_and_the_reason_is_readable(screens: Screens, state) -> None:
-    check = m.Check("Disk", state, "12 MB free", "Free some space.")
-    console = screens.hear(opened(), ready(checks=(*GREEN[:3], check, GREEN[4])))
-    assert screens.press(KEY.Key_Space) == [] and not screens.run.panel.start.isEnabled()
-    assert any("12 MB free" in text for text in visible_texts(console))
-    assert screens.run.strip.banner.isVisible() == (state == m.BAD)
-    if state == m.BAD:
-        assert "Disk: 12 MB free. Free some space." in screens.run.strip.banner.toolTip()
-    screens.hear(ready())
-    assert screens.press(KEY.Key_Space) == [m.Start()]
-
-
-def test_a_wait_ends_in_dots_without_a_full_stop(qtbot) -> None:
-    qtbot.addWidget(shown := Checklist())
-    shown.show_checks((m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))
-    assert "connecting … The board is being reached." in [label.text() for label in shown.findChildren(QLabel)]
-
-
-def test_a_caution_is_shown_and_does_not_block(screens: Screens) -> None:
-    late = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
-    screens.hear(opened(), ready(checks=(*GREEN[:2], late, *GREEN[3:])))
-    assert "Close other programs." in screens.main.preflight.pills[0].toolTip()
-    assert screens.press(KEY.Key_Space) == [m.Start()]
-
-
-def test_a_red_check_differs_from_an_amber_one_and_from_a_green_mark_by_more_than_its_colour(screens: Screens) -> None:
-    screens.hear(opened(), ready(checks=RED))
-    marks = [pill.mark.text() for pill in screens.main.preflight.pills]
-    assert len({*marks, screens.main.preflight.mark.text()}) == 4  # red twice, amber, waiting, green
 
 
 #: what the server says -> the mark, the names of the pills
@@ -92,12 +48,16 @@ LIGHTS = {
 
 
 @pytest.mark.parametrize("case", LIGHTS)
-def test_pills_are_of_what_is_not_green_and_green_is_one_mark(screens: Screens, case: str) -> None:
-    said, mark, pills = LIGHTS[case]
+def test_pills_are_of_what_is_not_green_and_differ_by_shape_and_green_is_one_mark(screens, case: str) -> None:
+    said, mark, names = LIGHTS[case]
     preflight = screens.hear(opened(), said).preflight
-    assert [pill.name.text() for pill in preflight.pills if pill.isVisible()] == pills
+    pills = [pill for pill in preflight.pills if pill.isVisible()]
+    assert [pill.name.text() for pill in pills] == names
     assert preflight.all_well.isVisible() == (mark is not None)
     assert mark is None or preflight.all_well.text() == mark
+    shapes = {m.BAD: "✕", m.CAUTION: "▲", m.WAITING: "○"}
+    states = {check.name: check.state for check in said.checks}
+    assert [pill.mark.text() for pill in pills] == [shapes[states[name]] for name in names]
 
 
 def test_no_word_in_the_header_is_cut_and_the_words_of_the_reddest_are_kept_the_longest(screens: Screens) -> None:
@@ -112,17 +72,17 @@ def test_no_word_in_the_header_is_cut_and_the_words_of_the_reddest_are_kept_the_
         assert screens.main.width() == size[0] and faults(screens.main) == []
 
 
-@pytest.mark.parametrize("where", ["main", "participant"])
-def test_escape_switches_the_brakes_off_from_either_window_and_its_cause_is_shown(screens: Screens, where) -> None:
-    screens.hear(opened(), running())
-    window = getattr(screens, where)
-    window.show()
-    screens.press(KEY.Key_Escape, window)
-    (cause,) = screens.client.off_causes
-    assert cause.startswith("Esc was pressed") and where in cause
-    screens.hear(ready(1, brakes_off=cause))
-    assert cause in screens.run.strip.banner.toolTip() and not screens.run.panel.start.isEnabled()
-    assert screens.press(KEY.Key_Space) == [] and screens.press(KEY.Key_B, modifier=CTRL) == [m.AllowBrakes()]
+def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:
+    screens.hear(opened(), ready(9))
+
+    def hint(button) -> str:
+        label = button.findChild(QLabel)
+        return label.palette().color(label.foregroundRole()).name()
+
+    panel = screens.run.panel
+    assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (COLOURS.text, COLOURS.quiet, COLOURS.brake_off)
+    screens.hear(ready(9, paused=True))
+    assert (hint(panel.start), hint(panel.pause)) == (COLOURS.brake_off, COLOURS.text)
 
 
 def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens, monkeypatch) -> None:
@@ -156,6 +116,14 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
         assert says in " ".join(visible_texts(main))
     screens.press(KEY.Key_Escape)
     assert main.cards.question is None and screens.client.off_causes == []
+
+
+def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> None:
+    path = "/dev/null/phd.ini"  # no user may write there
+    monkeypatch.setattr(memory, "file", lambda: QSettings(path, QSettings.Format.IniFormat))
+    screens.main.show_settings()
+    said = screens.main.cards.question.text.text().replace("\u200b", "")
+    assert said == f"What you choose is forgotten when you close the window: {path} cannot be written to."
 
 
 def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(screens, monkeypatch, tmp_path) -> None:
@@ -203,34 +171,6 @@ def test_between_trials_escape_first_closes_what_is_open_and_the_red_button_name
         assert screens.main.preflight.brakes.width() == wide, "nothing beside it moves"
 
 
-def test_redo_names_the_last_run_and_its_reason_and_never_one_that_was_redone(screens: Screens) -> None:
-    screens.hear(opened(), ready(5))
-    assert screens.press(KEY.Key_R, modifier=ALT) == [] and "trial 5" in screens.run.cards.question.title.text()
-    assert screens.press(KEY.Key_2, screens.run.cards.question.own, ALT) == [m.Redo(5, REDO.reasons[1])]
-    assert screens.run.cards.question is None
-    rows = (result(PLAN[0]), result(PLAN[1], "redone"))
-    screens.hear(opened(), ready(rows=rows, coming=PLAN[1]))
-    screens.press(KEY.Key_R, modifier=ALT)
-    assert screens.press(KEY.Key_1, screens.run.cards.question.own, ALT)[0].run == 1
-
-
-def test_skip_takes_a_reason_in_ones_own_words_and_never_none(screens: Screens) -> None:
-    screens.hear(opened(), ready(5))
-    screens.press(KEY.Key_S, modifier=ALT)
-    question = screens.run.cards.question
-    assert screens.press(KEY.Key_Return, question.own) == [] and not question.confirm.isEnabled()
-    QTest.keyClicks(question.own, "3 spare parts are missing, as p. 2 says")  # what are commands elsewhere
-    assert screens.press(KEY.Key_Return, question.own) == [m.Skip("3 spare parts are missing, as p. 2 says")]
-
-
-def test_an_abort_question_goes_when_its_trial_has_ended(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    QTest.mouseClick(screens.run.panel.abort, Qt.MouseButton.LeftButton)
-    assert screens.run.cards.question is not None
-    screens.hear(ready(1))
-    assert screens.run.cards.question is None and screens.press(KEY.Key_A, modifier=ALT) == []
-
-
 def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_keyboard(screens: Screens) -> None:
     screens.hear(opened(), ready(3))
     screens.main.show_settings()
@@ -242,47 +182,17 @@ def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_ke
     assert screens.main.cards.question is None
 
 
-def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
-    screens.hear(opened(), running(3))
-    assert not screens.run.panel.leave.isVisible()
-    screens.hear(ready(3))
-    screens.run.panel.note.setText("not sent")
-    QTest.mouseClick(screens.run.panel.leave, Qt.MouseButton.LeftButton)
-    asked = " ".join(visible_texts(screens.main))
-    assert "What is recorded stays" in asked and "lost then: the note." in asked
-    QTest.keyClick(screens.run.cards.question.buttons[0], KEY.Key_Return)
-    assert screens.client.sent[-1] == m.Leave()
-    screens.hear(opened(""), before())
-    assert screens.run.cards.question is None and not screens.run.panel.leave.isEnabled()
-    assert screens.run.panel.note.text() == "", "another participant comes next"
-
-
-def test_the_card_says_that_space_keeps_its_trial_and_starts_the_next_and_no_other_button_has_the_key(
-    screens: Screens, monkeypatch
-) -> None:
-    monkeypatch.setattr("app.window.run.trial_card.IGNORE_SPACE_S", 0.0)
-    for snapshot, says, sent in (
-        (ready(1), "Keep, start next trial", [m.Start()]),
-        (ready(2, paused=True), "Keep", []),
+def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:
+    console = screens.hear(opened(), ready(3))
+    for key, name, comes in (
+        (KEY.Key_Return, ANALYSE, ANALYSE),
+        (KEY.Key_Space, HOME, HOME),
+        (KEY.Key_Enter, RUN, RUN),
     ):
-        screens.hear(opened(), running(len(snapshot.rows) - 1), snapshot)
-        card, start = screens.run.card, screens.run.panel.start
-        assert card.keep.isVisible() and card.keep.text() == says and not start.key.isVisible()
-        screens.client.sent.clear()
-        QTest.mouseClick(card.keep, Qt.MouseButton.LeftButton)
-        assert screens.client.sent == sent and not screens.run.card_shown and start.key.isVisible()
-
-
-def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_front_meanwhile(screens: Screens) -> None:
-    rows = movement(PLAN[0].segment, "AEB", 1.0)
-    rows[200, tick_log.LATENESS_US] = 2.0 * tick_log.MISSED_US
-    screens.hear(opened(), running(0))
-    screens.main.show_page(HOME)
-    screens.tick(rows[:500])
-    screens.main.show_page(RUN)
-    screens.tick(rows[500:])
-    screens.hear(ready(1))
-    assert "1 tick missed" in screens.run.card.flags.text()
+        console.tabs[name].setFocus()
+        assert screens.press(key, console.tabs[name]) == [] and console.shown == comes
+    console.tabs[HOME].setFocus()
+    assert screens.press(KEY.Key_Space, console.tabs[HOME]) == [m.Start()] and console.shown == RUN
 
 
 class OwnWindows(QObject):
@@ -310,6 +220,15 @@ def test_no_part_of_a_page_is_a_window_of_its_own_while_it_is_made(qtbot) -> Non
     assert watch.seen == []
 
 
+def test_a_page_needs_no_key_of_its_own(qtbot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.window.main_window.HOME", RUN)
+    monkeypatch.setitem(PAGES, "Notes", PAGES[RUN])
+    window = MainWindow(FakeClient())
+    qtbot.addWidget(window)
+    window.tabs["Notes"].click()
+    assert window.shown == "Notes" and window.tabs["Notes"].isChecked()
+
+
 def test_analyse_and_the_footer_name_the_data_folder_before_it_is_served(screens: Screens, tmp_path: Path) -> None:
     client = FakeClient()
     client.setup = client.setup._replace(data_dir=tmp_path)
@@ -331,22 +250,25 @@ def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_
         assert footer.recording.width() >= needed[1] and (wide < 1400 or footer.folder.width() >= needed[0])
 
 
-def test_the_grid_marks_each_status_and_the_running_trial(screens: Screens) -> None:
-    rows = tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))
-    screens.hear(opened(), running(5, rows=rows))
-    grid = screens.run.strip.plan
-    assert [grid.statuses[run] for run in range(1, 6)] == ["done", "timeout", "aborted", "redone", "recovered"]
-    assert grid.marked == 6 and grid.running
-    assert screens.run.strip.progress.text().startswith(
-        "3 of 60 done · 1 without a result · about "
-    )  # the others come again
+def test_proof_of_recording_is_readable_in_the_footer_of_a_page_that_has_one(screens: Screens) -> None:
+    screens.hear(opened(), running(22), pulse("run-023"))
+    screens.main.show_page(ANALYSE)
+    said = (
+        "Recording run-023 | 18\u202f412 rows | 4.2 MB | 0.1 s ago | 22 earlier | Seed 1 | " + opened().plan_sha256[:4]
+    )
+    assert all(part in read(screens.main) for part in said.split(" | "))
+    assert "22 recordings verified" in read(screens.hear(pulse("")))
 
 
-def test_a_repeated_trial_fills_the_cell_of_the_first(screens: Screens) -> None:
-    again = PLAN[3]._replace(run=61)
-    rows = (*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(again, "done"))
-    screens.hear(opened(), ready(rows=rows, coming=PLAN[4]))
-    assert screens.run.strip.plan.statuses[4] == "done" and len(screens.run.strip.plan.statuses) == 4
+def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
+    screens: Screens, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr("app.window.main_window.QDesktopServices.openUrl", lambda url: False)
+    screens.hear(opened(folder=str(tmp_path / "not there yet")), ready())
+    QTest.mouseClick(screens.main.footer.folder, Qt.MouseButton.LeftButton)
+    said = screens.main.cards.question.text.text().replace("\u200b", "")
+    assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
+    assert QApplication.clipboard().text() == str(tmp_path)
 
 
 def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
@@ -359,184 +281,88 @@ def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
     later.close()
 
 
-def test_proof_of_recording_is_readable(screens: Screens) -> None:
-    screens.hear(opened(), running(22), pulse("run-023"))
-    said = screens.main.footer.recording.text()
-    assert all(part in said for part in ("run-023", "18\u202f412 rows", "4.2 MB", "0.1 s ago", "22 earlier"))
-    origin = screens.main.footer.folder.toolTip()
-    assert "Seed 1" in origin and opened().plan_sha256[:4] in origin
+#: the newest that the server has sent, how it ends -> what the banner says, and what it does not
+DEATHS = {
+    "in a trial": (running(3, notice=m.NOT_NOW[m.RUNNING], notice_bad=True), "",
+                   "has stopped in the middle of trial 4 | brakes are off | it comes again.", m.NOT_NOW[m.RUNNING]),
+    "in a trial, with ticks in memory": (running(3, in_memory="trial 4, 812 ticks"), "",
+                                         "is lost: trial 4, 812 ticks", words.KEPT),
+    "between trials": (ready(4), "", f"has stopped: the brakes are off | {words.KEPT}", "in the middle"),
+    "with data in memory": (ready(4, in_memory="trial 4, 812 ticks"), "", "is lost: trial 4, 812 ticks", words.KEPT),
+    "as it says itself": (ready(3), "The disk is full.", "The disk is full.", "has stopped"),
+}  # fmt: skip
 
 
-def test_ticks_reach_workspace_participant_and_traces(screens: Screens) -> None:
-    over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
-    screens.participant.show()
-    screens.hear(opened(), running(over))
-    screens.tick(ticks(tick_log.MOVE, TIP_X=0.03, TIP_Y=0.397, HAND_FX=3.0, HAND_FY=-4.0, ENERGY_BRAKES=0.5,
-                       PATH_DISTANCE=-0.003))  # fmt: skip
-    assert screens.run.live.error.newest == pytest.approx((3.0,))  # mm
-    assert screens.run.live.force.newest == pytest.approx((5.0,))
-    assert screens.run.workspace.view.tip == screens.participant.view.tip == (0.03, 0.397)
-    assert screens.run.workspace.view.line.startswith("Participant reads: Go")
-
-
-def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
-    seen = []
-    names = {preset.name for preset in PRESETS.values()}
-    for over, trial in enumerate(PLAN[:10]):
-        console = screens.hear(opened(), running(over, blind=True))
-        screens.tick(movement(trial.segment, "AEB", 0.4))
-        texts = visible_texts(console)
-        told = [text for text in texts if not text.startswith("directions")]  # the name of a layer
-        assert not any(name in text for name in names for text in told)
-        assert screens.run.strip.currents.isHidden() and not screens.run.strip.energy.isVisible()
-        seen.append([text for text in texts if "path" in text and f"{trial.segment}" in text])
-        screens.press(KEY.Key_R, modifier=ALT)
-    assert all(seen)
-    screens.hear(running(9))
-    assert any(PRESETS[PLAN[9].controller].name in text for text in visible_texts(screens.main))
-
-
-def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr("time.perf_counter", lambda: now[0])
-    screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
-    assert "1:00" in screens.run.cards.notice.title.text() and screens.press(KEY.Key_Space) == []
-    now[0] += 30.0
-    screens.hear()
-    assert "0:30" in screens.run.cards.notice.title.text()
-    now[0] += 30.1
-    screens.hear()
-    notice = screens.run.cards.notice
-    assert notice.title.text() == "The break is over" and "rest" not in notice.text.text()
-    assert screens.press(KEY.Key_Space) == [m.Confirm()]
-
-
-def test_the_end_of_the_plan_is_said_nothing_more_starts_and_a_blind_session_is_opened_by_somebody_with_a_name(screens):
-    console = screens.hear(opened(), ready(60, stage=m.FINISHED))
-    assert "Session complete" in visible_texts(console) and not screens.run.panel.start.isEnabled()
-    screens.run.panel.note.setText("a last no")
-    sent = len(screens.client.sent)
-    screens.run.cards.notice.buttons[1].click()
-    assert "Not saved" in screens.run.cards.question.text.text() and len(screens.client.sent) == sent
-    screens.run.cards.leave()
-    screens.run.panel.note.clear()
-    screens.run.cards.notice.buttons[1].click()
-    assert screens.client.sent[sent:] == [m.Leave()]
-    screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
-    QTest.mouseClick(screens.run.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
-    question = screens.run.cards.question
-    assert screens.press(KEY.Key_Return, question.own) == []
-    QTest.keyClicks(question.own, "R. Book")
-    assert screens.press(KEY.Key_Return, question.own) == [m.Unblind("R. Book")]
-
-
-@pytest.mark.parametrize("death", ["silent", "said"])
-def test_the_end_of_the_bench_is_said_in_red_and_stops_everything(screens: Screens, death: str) -> None:
-    screens.hear(opened(), running(3, notice=m.NOT_NOW[m.RUNNING], notice_bad=True))
-    if death == "silent":
-        screens.client.alive = False
-        screens.hear()
-        said = screens.run.strip.banner.toolTip()
-        assert said == words.server_died(running(3)) and m.NOT_NOW[m.RUNNING] not in said
-        assert "has stopped in the middle of trial 4" in said and "brakes are off" in said
-    else:
-        screens.hear(ready(3, stage=m.FAILED, notice="The disk is full.", notice_bad=True))
-        assert screens.run.strip.banner.toolTip() == "The disk is full."
-    assert screens.run.strip.banner.isVisible()
-    assert not screens.main.preflight.brakes.isEnabled()
-    screens.press(KEY.Key_Escape)
-    assert len(screens.client.off_causes) == 1  # zero current can be asked for even then
-    assert screens.press(KEY.Key_Space) == []
-    assert all(screens.press(key, modifier=ALT) == [] for key in (KEY.Key_R, KEY.Key_S, KEY.Key_P, KEY.Key_A))
-
-
-def test_a_bench_that_dies_in_a_trial_is_said_so_whatever_was_refused_before(screens: Screens) -> None:
-    refused = m.NOT_NOW[m.RUNNING]
-    screens.hear(opened(), running(3, notice=refused, notice_bad=True))
-    screens.tick(movement(PLAN[3].segment, "AEB", 0.4))
+@pytest.mark.parametrize("case", DEATHS)
+def test_the_end_of_the_server_is_said_in_red_and_stops_everything(screens: Screens, case: str) -> None:
+    last, itself, says, never = DEATHS[case]
+    screens.hear(opened(), last)
+    if last.running is not None:
+        screens.tick(movement(PLAN[3].segment, "AEB", 0.4))
     seen = screens.run.workspace.view.tip
     screens.client.alive = False
-    screens.hear()
-    assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
+    screens.hear(*([ready(3, stage=m.FAILED, notice=itself, notice_bad=True)] if itself else []))
     said = screens.run.strip.banner.toolTip()
-    assert refused not in said and "has stopped in the middle of trial 4" in said and "brakes are off" in said
-    assert said.endswith("it comes again.")
-
-
-def test_a_bench_that_dies_with_ticks_in_its_memory_does_not_say_that_they_are_kept(screens: Screens) -> None:
-    for last in (running(3, in_memory="run 4, 812 ticks"), ready(4, in_memory="run 4, 812 ticks")):
-        assert "is lost: run 4, 812 ticks" in words.server_died(last) and "kept" not in words.server_died(last)
-    assert words.KEPT in words.server_died(ready(4))
-    said_so = ready(4, stage=m.FAILED, notice="It failed.", notice_bad=True)
-    assert words.server_died(said_so) == "It failed."
-
-
-def test_closing_while_a_trial_is_recorded_asks_first(screens: Screens) -> None:
-    console = screens.hear(opened(), running())
-    assert not console.close() and console.isVisible() and not screens.client.stopped
-    screens.main.cards.question.buttons[0].click()
-    assert console.isVisible() and screens.main.cards.question is None
-    console.close()
-    screens.hear(ready(1))
-    assert screens.main.cards.question is None, "its trial has ended meanwhile"
-    screens.hear(running(1))
-    console.close()
-    assert "Alt+C" in screens.main.cards.question.buttons[1].text()
-    screens.press(KEY.Key_C, console.focusWidget(), ALT)
-    assert not console.isVisible() and screens.client.stopped == "the window was closed"
+    assert all(part in said for part in says.split(" | ")) and never not in said
+    assert screens.run.strip.banner.isVisible() and not screens.main.preflight.brakes.isEnabled()
+    assert screens.run.workspace.view.tip == seen != (0.0, 0.0), "the handle is drawn where it was seen last"
+    screens.press(KEY.Key_Escape)
+    assert len(screens.client.off_causes) == 1, "zero current can be asked for even then"
+    assert all(press(screens, key) == [] for key in ("Space", "Alt+R", "Alt+S", "Alt+P", "Alt+A"))
 
 
 UNDONE = "/data is gone. Bring it back. All its 812 ticks are in memory. It is tried again every 5 s"
-STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
 
 
-def test_closing_with_ticks_in_memory_alone_asks_first_and_names_them(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3, not_written=UNDONE, in_memory="run 4, 812 ticks"))
-    assert not console.close() and not screens.client.stopped
-    assert "would be lost: run 4, 812 ticks" in " ".join(visible_texts(console))
-    screens.main.cards.question.buttons[1].click()
-    assert not console.isVisible() and screens.client.stopped
-
-
-def test_closing_with_changes_in_the_editor_asks_first_and_names_its_protocol(screens: Screens) -> None:
-    console = screens.hear(opened(""), before())
-    editor = console.page(HOME).editor
+def edit(screens: Screens) -> None:
+    editor = screens.main.page(HOME).editor
     editor.open("displays")
     editor.text.appendPlainText("# mine")
-    assert not console.close() and not screens.client.stopped
-    assert "lost then: what was changed in the editor (Displays protocol, a copy)." in " ".join(visible_texts(console))
-    console.press_escape()
-    editor.undo()
-    assert console.close() and screens.client.stopped
 
 
-def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(3))
-    for key, name, comes in (
-        (KEY.Key_Return, ANALYSE, ANALYSE),
-        (KEY.Key_Space, HOME, HOME),
-        (KEY.Key_Enter, RUN, RUN),
-    ):
-        console.tabs[name].setFocus()
-        assert screens.press(key, console.tabs[name]) == [] and console.shown == comes
-    console.tabs[HOME].setFocus()
-    assert screens.press(KEY.Key_Space, console.tabs[HOME]) == [m.Start()] and console.shown == RUN
-
-
-def test_answers_and_a_note_that_are_not_sent_are_on_both_screens_and_asked_about(screens: Screens) -> None:
-    console = screens.hear(opened(), ready(10, stage=m.QUESTIONS))
-    theirs, here = screens.participant.questions, screens.run.questions
-    theirs.scales["effort"].set(55)
-    here.scales["smoothness"].set(20)
+def answer(screens: Screens) -> None:
+    screens.participant.questions.scales["effort"].set(55)
+    screens.run.questions.scales["smoothness"].set(20)
     screens.run.panel.note.setText("left-handed")
-    assert theirs.values == here.values and (here.values["effort"], theirs.values["smoothness"]) == (55, 20)
-    assert not console.close() and not screens.client.stopped
-    asked = " ".join(visible_texts(console))
-    assert "lost then: the questionnaire that is answered in part and the note." in asked
-    console.press_escape()
-    screens.run.panel.note.clear()
-    screens.hear(ready(10))
-    assert set(theirs.values.values()) == set(here.values.values()) == {None} and console.close()
+    theirs, here = screens.participant.questions.values, screens.run.questions.values
+    assert theirs == here and (here["effort"], theirs["smoothness"]) == (55, 20), "they are on both screens"
+
+
+#: what is said, what is done -> what closing asks, what is done so that it asks no more
+AT_STAKE: dict[str, tuple[tuple, Callable, str, Callable]] = {
+    "a recording": ((opened(), running()), lambda _: None, "Keep recording | Abort and close  Alt+C",
+                    lambda screens: screens.hear(ready(1))),
+    "ticks in memory": ((opened(), ready(3, not_written=UNDONE, in_memory="trial 4, 812 ticks")), lambda _: None,
+                        "would be lost: trial 4, 812 ticks", lambda screens: screens.hear(ready(4))),
+    "an edited protocol": ((opened(""), before()), edit,
+                           "lost then: what was changed in the editor (Displays protocol, a copy).",
+                           lambda screens: screens.main.page(HOME).editor.undo()),
+    "answers and a note": ((opened(), ready(10, stage=m.QUESTIONS)), answer,
+                           "lost then: the questionnaire that is answered in part and the note.",
+                           lambda screens: (screens.run.panel.note.clear(), screens.hear(ready(10)))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", AT_STAKE)
+def test_closing_asks_where_something_would_be_cut_off_or_lost_and_names_it(screens: Screens, case: str) -> None:
+    said, done, asks, settled = AT_STAKE[case]
+    console = screens.hear(*said)
+    done(screens)
+    assert not console.close() and console.isVisible() and not screens.client.stopped
+    assert all(part in read(console) for part in asks.split(" | "))
+    console.cards.question.buttons[0].click()
+    assert console.isVisible() and console.cards.question is None
+    console.close()
+    settled(screens)
+    if case in ("a recording", "ticks in memory"):
+        assert console.cards.question is None, "it is true no more"
+        screens.hear(said[-1])
+        console.close()
+    elif console.cards.question is None:
+        console.close()
+    if console.isVisible():
+        screens.press(KEY.Key_C, console.focusWidget(), ALT)
+    assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
 def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
@@ -565,71 +391,6 @@ def test_who_closes_the_bar_of_the_set_up_ends_it_and_the_bar_stays_closed(qapp,
     assert not program.compile_kernels() and seen == [False]
 
 
-def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
-    """With some versions of Qt's binding a live plot loses references to None until the process dies."""
-    console = screens.hear(opened(), running())
-    rows = movement(PLAN[0].segment, "AEB", 1.4)
-
-    def frames(some: np.ndarray) -> None:
-        for part in np.array_split(some, len(some) // 16):
-            screens.tick(part)
-            console.grab()
-
-    frames(rows[:160])
-    lost = []
-    for begin in range(160, 1120, 320):  # three times: what is freed late, of windows before this one, goes once
-        gc.collect()
-        before = sys.getrefcount(None)
-        frames(rows[begin : begin + 320])
-        gc.collect()
-        lost.append(abs(sys.getrefcount(None) - before))
-    assert min(lost) < 20, lost  # less than one a frame
-
-
-def click_trial(screens: Screens, run: int) -> None:
-    settle(screens.main)
-    plan = screens.run.strip.plan
-    QTest.mouseClick(plan, Qt.MouseButton.LeftButton, pos=plan.cells[run].center().toPoint())
-
-
-def test_a_cell_of_the_plan_opens_the_card_of_its_trial_and_space_closes_it(qtbot, screens: Screens, tmp_path) -> None:
-    with session_of(tmp_path, 2) as session:
-        rows, folder = tuple(session.rows), str(session.folder)
-    screens.hear(opened(folder=folder), ready(2, rows=rows))
-    click_trial(screens, rows[0].run)
-    qtbot.waitUntil(lambda: screens.run.card_shown, timeout=60_000)
-    assert screens.run.card.row == rows[0]
-    assert (
-        screens.press(KEY.Key_X, modifier=ALT) == []
-    )  # it asks why first, in the order of its buttons or in own words
-    QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
-    assert screens.press(KEY.Key_Return, screens.run.cards.question.own) == [m.Exclude(rows[0].run, "he sneezed")]
-    screens.hear(ready(2, rows=rows))
-    click_trial(screens, rows[1].run)
-    qtbot.waitUntil(lambda: screens.run.card_shown and screens.run.card.row == rows[1], timeout=60_000)
-    qtbot.waitUntil(lambda: screens.run.card.ready, timeout=60_000)
-    assert screens.press(KEY.Key_Space) == [] and not screens.run.card_shown
-    assert screens.press(KEY.Key_Space) == [m.Start()]
-
-
-def test_the_card_of_an_earlier_trial_leaves_its_flags_to_no_other(qtbot, screens: Screens, tmp_path) -> None:
-    with session_of(tmp_path, 2) as session:
-        rows, folder = tuple(session.rows), str(session.folder)
-    screens.hear(opened(folder=folder), ready(1, rows=rows[:1]), running())
-    late = movement(PLAN[1].segment, "AEB", 1.4)
-    late[7, tick_log.LATENESS_US] = tick_log.MISSED_US
-    screens.tick(late)
-    screens.hear(ready(2, rows=rows))
-    card = screens.run.card
-    assert screens.run.card_shown and card.row == rows[1] and "1 tick missed" in card.flags.text()
-    click_trial(screens, rows[0].run)
-    screens.hear(ready(2, rows=rows))  # while the recording is read
-    qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
-    assert "1 tick missed" not in card.flags.text()
-    qtbot.waitUntil(lambda: card.ready, timeout=60_000)
-    assert screens.press(KEY.Key_Space) == [] and card.row == rows[1] and "1 tick missed" in card.flags.text()
-
-
 def test_another_setup_starts_another_server_while_the_window_goes_on(screens: Screens, monkeypatch) -> None:
     started, ended = [], threading.Event()
 
@@ -655,37 +416,50 @@ def test_another_setup_starts_another_server_while_the_window_goes_on(screens: S
     assert screens.client.sent == [m.Open("02")]
 
 
-def test_a_page_needs_no_key_of_its_own(qtbot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.window.main_window.HOME", RUN)
-    monkeypatch.setitem(PAGES, "Notes", PAGES[RUN])
-    window = MainWindow(FakeClient())
-    qtbot.addWidget(window)
-    window.tabs["Notes"].click()
-    assert window.shown == "Notes" and window.tabs["Notes"].isChecked()
+def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
+    """With some versions of Qt's binding a live plot loses references to None until the process dies."""
+    console = screens.hear(opened(), running())
+    rows = movement(PLAN[0].segment, "AEB", 1.4)
+
+    def frames(some: np.ndarray) -> None:
+        for part in np.array_split(some, len(some) // 16):
+            screens.tick(part)
+            console.grab()
+
+    frames(rows[:160])
+    lost = []
+    for begin in range(160, 1120, 320):  # three times: what is freed late, of windows before this one, goes once
+        gc.collect()
+        before = sys.getrefcount(None)
+        frames(rows[begin : begin + 320])
+        gc.collect()
+        lost.append(abs(sys.getrefcount(None) - before))
+    assert min(lost) < 20, lost  # less than one a frame
 
 
-def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
-    screens: Screens, tmp_path, monkeypatch
-) -> None:
-    monkeypatch.setattr("app.window.main_window.QDesktopServices.openUrl", lambda url: False)
-    screens.hear(opened(folder=str(tmp_path / "not there yet")), ready())
-    QTest.mouseClick(screens.main.footer.folder, Qt.MouseButton.LeftButton)
-    said = screens.main.cards.question.text.text().replace("\u200b", "")
-    assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
-    assert QApplication.clipboard().text() == str(tmp_path)
+def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
+    """Console with every layer on and participant's window after one movement of a hand through two controllers."""
+    one, found = movement(PLAN[0].segment, "AEB", 0.6), []
+    other = one.copy()
+    other[:, tick_log.CURRENT : tick_log.CURRENT + 4] = 0.0
+    other[:, tick_log.TORQUE : tick_log.TORQUE + 4] *= -0.3
+    other[:, tick_log.STUCK] = 0.0
+    other[:, tick_log.ENERGY_BRAKES] += 0.2 * other[:, tick_log.T]
+    for rows in (one, other):
+        console = screens.hear(opened(), running(1, blind=blind), running(0, blind=blind), pulse())
+        for button in screens.run.workspace.layers.values():
+            button.setChecked(True)
+        screens.participant.show()
+        settle(console)  # curves are painted piece by piece from the first tick on, both times
+        for begin in range(0, len(rows), 16):
+            screens.tick(rows[begin : begin + 16])
+        settle(console)
+        found.append((console.grab().toImage(), screens.participant.view.grab().toImage()))
+    return found
 
 
-def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> None:
-    path = "/dev/null/phd.ini"  # no user may write there
-    monkeypatch.setattr(memory, "file", lambda: QSettings(path, QSettings.Format.IniFormat))
-    screens.main.show_settings()
-    said = screens.main.cards.question.text.text().replace("\u200b", "")
-    assert said == f"What you choose is forgotten when you close the window: {path} cannot be written to."
-
-
-def test_what_is_in_memory_alone_is_said_once_and_no_trial_starts(screens: Screens) -> None:
-    screens.hear(opened(), ready(3, not_written=UNDONE, in_memory="run 4", checks=STUCK, notice=f"{UNDONE}.",
-                                 notice_bad=True))  # fmt: skip
-    assert screens.run.notice.text() == "Lost if this program ends: run 4."  # the banner may have no room for it
-    said = "\n".join(visible_texts(screens.main)).replace("\u200b", "")
-    assert said.count("All its 812 ticks are in memory") == 1 and not screens.run.panel.start.isEnabled()
+@pytest.mark.parametrize("blind", [True, False])
+def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(screens, blind):
+    (console, participant), (other_console, other_participant) = pictures(screens, blind)
+    assert (console == other_console) == blind and participant == other_participant
+    assert screens.run.workspace.layers[REACHABLE].isVisible() != blind

@@ -5,14 +5,11 @@ from itertools import product
 import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, opened, ready, result, running
 from PySide6.QtCore import Qt
-from PySide6.QtTest import QTest
 from screens import Screens
 
 from app.ipc import messages as m
 from app.session_server.commands import COMMANDS
 from app.window.run.actions import possible
-from app.window.run.run_page import ENDED
-from app.window.run.trial_card import IGNORE_SPACE_S
 from app.window.widgets.keys import KEYS
 from app.window.widgets.parts import KeyButton
 from experiments.analysis.trials_table import STATUSES
@@ -105,58 +102,6 @@ def test_in_a_break_a_trial_is_excluded_for_a_reason_and_space_is_not_offered_tw
     ]
     card.keep.click()
     assert not screens.run.card_shown
-
-
-@pytest.mark.parametrize("following", ["can be repeated", "cannot be repeated yet"])
-def test_what_was_written_about_an_abort_is_not_lost_when_the_trial_ends_by_itself(screens: Screens, following) -> None:
-    screens.hear(opened(), running(3))
-    screens.press(Qt.Key.Key_A, modifier=ALT)
-    QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
-    rows = (*ready(3).rows, result(PLAN[3], "timeout"))
-    if following == "can be repeated":
-        screens.hear(ready(4, rows=rows))
-        question = screens.run.cards.question
-        assert question.kind == "redo" and question.text.text() == ENDED and question.own.text() == "he sneezed"
-        assert screens.press(Qt.Key.Key_Return, question.own) == [m.Redo(PLAN[3].run, "he sneezed")]
-    else:
-        screens.hear(ready(4, rows=rows, stage=m.QUESTIONS))
-        assert screens.run.cards.question is None and screens.run.panel.note.text() == "he sneezed"
-        screens.run.panel.note.clear()
-
-
-def test_an_abort_that_nothing_was_written_about_is_withdrawn_when_the_trial_ends(screens: Screens) -> None:
-    screens.hear(opened(), running(3))
-    screens.press(Qt.Key.Key_A, modifier=ALT)
-    screens.hear(ready(4))
-    assert screens.run.cards.question is None and not screens.run.panel.note.text()
-
-
-#: what the server says -> the head, the line under it, and what Space sends. A table: a row for each state.
-PAGE = {
-    "first": ((ready(),), "Ready · next: trial 1", "path", [m.Start()]),
-    "running": ((running(23),), "Trial 24 of 60", "path", []),
-    "second try": (
-        (running(2, running=PLAN[1]._replace(run=61), rows=(result(PLAN[0]), result(PLAN[1], "redone"))),),
-        "Trial 2 of 60, second try", "three-brake", [],
-    ),
-    "practice": ((running(0, running=PLAN[0]._replace(block=0), practice=True),), "Practice", "path", []),
-    "paused": ((ready(paused=True),), "Paused · next: trial 1", "path", []),
-    "red": ((ready(checks=RED),), "Not ready · next: trial 1", "path", []),
-    "brakes off": ((ready(brakes_off="Esc"),), "Brakes off · next: trial 1", "path", []),
-    "re-rig": ((ready(30, stage=m.RERIG),), "Not ready · next: trial 31", "path", [m.Confirm()]),
-    "finished": ((ready(60, stage=m.FINISHED),), "Finished", "Participant 01", []),
-    "failed": ((ready(stage=m.FAILED, notice="No."),), "Stopped · next: trial 1", "path", []),
-    "card": ((running(3), ready(4)), "Trial 4 done in 2.4 s", "three-brake", [m.Start()]),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", PAGE)
-def test_what_run_says_and_what_space_does_in_each_state(screens: Screens, case: str) -> None:
-    said, head, line, sent = PAGE[case]
-    screens.hear(opened(), *said)
-    assert screens.run.large.text() == head and line in screens.run.small.text()
-    screens.run.card._since_s -= IGNORE_SPACE_S
-    assert screens.press(Qt.Key.Key_Space) == sent
 
 
 def test_the_strip_opens_by_itself_once_a_trial_when_a_boards_loop_cannot_keep_up(screens: Screens) -> None:

@@ -13,7 +13,6 @@ from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.participant.questionnaire import ITEMS
-from app.window.run.session_cards import ABORT
 from app.window.second_screen import MOST_MOVES
 from app.window.widgets.keys import KEYS
 from app.window.widgets.page import RUN, TRY
@@ -25,16 +24,6 @@ KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.Co
 def focus(screens: Screens) -> QWidget | None:
     """Who has the keyboard in the console."""
     return screens.main.focusWidget()
-
-
-@pytest.mark.parametrize("number", range(1, len(ABORT.reasons) + 1))
-def test_alt_and_a_digit_choose_a_reason_as_its_button_says_whatever_is_typed(screens: Screens, number: int) -> None:
-    screens.hear(opened(), running())
-    screens.press(KEY.Key_A, modifier=ALT)
-    question = screens.run.cards.question
-    QTest.keyClicks(question.own, "half a rea")
-    sent = screens.press(KEY(KEY.Key_0 + number), question.own, ALT)
-    assert sent == [m.Abort(ABORT.reasons[number - 1], "now")] and screens.run.cards.question is None
 
 
 @pytest.mark.parametrize("backwards", [False, True])

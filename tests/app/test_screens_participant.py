@@ -18,6 +18,7 @@ from app.window.participant import participant_window
 from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
 from app.window.run.run_page import INSTRUCTED
+from app.window.widgets import words
 from core import tick_log
 from experiments.inputs import MOUSE, OPERATOR
 from experiments.language import ENGLISH_WORDS, language_text, shipped_languages
@@ -39,73 +40,57 @@ def said(screens: Screens) -> str:
     return " ".join(screens.participant.view.shown)
 
 
-def test_one_word_at_each_phase(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    seen = []
-    for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.END):
-        screens.tick(ticks(phase))
-        seen.append(screens.participant.view.shown.large)
-    assert seen == ["Move to the start", "Hold", "Go", "Go"]
-    screens.hear(ready(1))
-    assert screens.participant.view.shown.large == "Well done"
+MOUSE_HAND, SENSOR_HAND, AGAIN = opened(), opened(hand="force sensor"), "until it is full"
+TIMED = opened(protocol=paper(feedback="time", cues=Cues(too_fast_s=3.0, too_slow_s=6.0)))  # the trial took 2.4 s
+SLOW = opened(protocol=paper(cues=Cues(too_fast_s=0.5, too_slow_s=2.0)))
+#: what the server says, the phase of the ticks (None: there are none) and whether the pointer has the handle -> what is
+#: read in large, what of the quiet line, and what is not
+SAYS = {
+    "approach": ((MOUSE_HAND, running()), tick_log.APPROACH, True, "Move to the start", "green circle", "pointer"),
+    "hold": ((MOUSE_HAND, running()), tick_log.HOLD, True, "Hold", "Keep still", "pointer"),
+    "move": ((MOUSE_HAND, running()), tick_log.MOVE, True, "Go", "Follow the line", "pointer"),
+    "end": ((MOUSE_HAND, running()), tick_log.END, True, "Move to the start", "", "2.4"),
+    "approach, let go": ((MOUSE_HAND, running()), tick_log.APPROACH, False, "Move to the start", "pointer", "circle"),
+    "move, let go": ((MOUSE_HAND, running()), tick_log.MOVE, False, "Go", "pointer", "line"),
+    "move, by a sensor": ((SENSOR_HAND, running(1)), tick_log.MOVE, False, "Go", "Follow the line", "pointer"),
+    "done": ((MOUSE_HAND, running(), ready(1)), None, True, "Well done", "next trial", "2.4"),
+    "break": ((MOUSE_HAND, ready(9, stage=m.BREAK)), None, True, "Take a break", "Rest your hand", "trial"),
+    "paused": ((MOUSE_HAND, ready(9, paused=True)), None, True, "Take a break", "", "trial"),
+    "re-rig": ((MOUSE_HAND, ready(9, stage=m.RERIG)), None, True, "One moment", "prepared", "trial"),
+    "finished": ((MOUSE_HAND, ready(9, stage=m.FINISHED)), None, True, "Thank you!", "", "trial"),
+    "time, too fast": ((TIMED, running(), ready(1)), None, True, "Well done", "2.4 seconds · A little slower", "mm"),
+    "too slow": ((SLOW, running(), ready(1)), None, True, "Well done", "A little faster", "2.4"),
+    "error": ((opened(protocol=paper(feedback="error")), running(), ready(1)), None, True, "Well done", "1.1 mm", "s "),
+}  # fmt: skip
 
 
-def test_with_the_mouse_it_says_how_to_take_hold_and_without_it_does_not(screens: Screens) -> None:
-    for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE):
-        screens.hear(opened(), running())
-        screens.tick(ticks(phase), taken=False)
-        assert "pointer" in said(screens), phase
-        screens.tick(ticks(phase), taken=True)
-        assert "pointer" not in said(screens), phase
-        screens.hear(opened(hand="force sensor"), running(1))
-        screens.tick(ticks(phase), taken=False)
-        assert "pointer" not in said(screens), phase
+@pytest.mark.parametrize("case", SAYS)
+def test_what_the_participant_reads_is_plain_and_the_path_is_away_between_parts(screens: Screens, case: str) -> None:
+    messages, phase, taken, large, small, never = SAYS[case]
+    for message in messages:
+        screens.hear(message)
+    if phase is not None:
+        screens.tick(ticks(phase), taken=taken)
+    shown = screens.participant.view.shown
+    assert shown.large == large and small in shown.small and never not in shown.small
+    away = isinstance(messages[-1], m.Snapshot) and messages[-1].stage in (m.BREAK, m.RERIG, m.FINISHED)
+    assert (len(screens.participant.view.outline) == 0) == away
 
 
 def test_nothing_shown_to_the_participant_has_numbers_names_or_jargon(screens: Screens) -> None:
     stages = [
         *(ready(9, stage=stage, card=LONG_BREAK) for stage in (m.RERIG, m.BREAK, m.FINISHED, m.FAILED)),
-        ready(0), ready(9), ready(9, paused=True), ready(9, brakes_off="watchdog"), m.Snapshot(m.PREPARING),
+        ready(0), ready(9), ready(9, paused=True), ready(9, brakes_off="watchdog"), m.Snapshot(m.PREPARING), running(9),
     ]  # fmt: skip
     names = "|".join(preset.name for preset in PRESETS.values())
     screens.hear(opened())
-    texts = []
     for snapshot in stages:
         screens.hear(snapshot)
-        texts += [said(screens), *visible_texts(screens.participant)]
-    screens.hear(running(9))
-    for phase in range(4):
-        screens.tick(ticks(phase))
-        texts.append(said(screens))
-    for text in texts:
-        said_of_rest = text.replace("1:00", "")
-        assert not re.search(rf"\d|brake|controller|tip|{names}", said_of_rest), text
-
-
-def test_breaks_and_the_end_are_said_and_the_path_is_away(screens: Screens) -> None:
-    screens.hear(opened(), ready(0))
-    assert len(screens.participant.view.outline)
-    for stage, word in ((m.BREAK, "Take a break"), (m.RERIG, "One moment"), (m.FINISHED, "Thank you!")):
-        screens.hear(ready(9, stage=stage))
-        assert screens.participant.view.shown.large == word and not len(screens.participant.view.outline)
-    screens.hear(ready(9, paused=True))
-    assert screens.participant.view.shown.large == "Take a break"
-
-
-def test_feedback_and_cues_are_given_only_where_the_protocol_says_so(screens: Screens) -> None:
-    cues = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trial took 2.4 s
-    plain, told = opened(), opened(protocol=paper(feedback="time", cues=cues))
-    for protocol, expected in ((plain, False), (told, True)):
-        screens.hear(protocol, running())
-        screens.hear(ready(1))
-        assert ("2.4 seconds" in said(screens)) == expected and ("slower" in said(screens)) == expected
-    slow = opened(protocol=paper(cues=Cues(too_fast_s=0.5, too_slow_s=2.0)))
-    screens.hear(slow, running())
-    screens.hear(ready(1))
-    assert "faster" in said(screens) and "2.4" not in said(screens)
-    screens.hear(opened(protocol=paper(feedback="error")), running())
-    screens.hear(ready(1))
-    assert re.search(r"1\.1 mm", said(screens))
+        for phase in range(4) if snapshot.running else (None,):
+            if phase is not None:
+                screens.tick(ticks(phase))
+            text = " ".join((*screens.participant.view.shown, *visible_texts(screens.participant)))
+            assert not re.search(rf"\d|brake|controller|tip|{names}", text.replace("1:00", "")), text
 
 
 def test_the_linkage_is_seen_only_where_the_protocol_says_so(screens: Screens) -> None:
@@ -364,3 +349,12 @@ def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screen
     QTest.mouseClick(page.agree, Qt.MouseButton.LeftButton)
     screens.participant.ask_consent(None)
     assert answers == [True] and screens.participant.view.isVisible()
+
+
+def test_who_has_the_space_bar_is_told_of_it_beside_what_is_given_back() -> None:
+    told = opened(protocol=paper(feedback="error", cues=Cues(too_fast_s=3.0, too_slow_s=6.0)))
+    for snapshot, says in (
+        (ready(0), ("first_space",)), (ready(5, newest=None), ("next_space",)), (ready(3), ("slower", "next_space")),
+    ):  # fmt: skip
+        small = words.between(snapshot, told, own_start=True).small
+        assert all(ENGLISH_WORDS[key] in small for key in says) and ("on average" in small) == (len(says) > 1)

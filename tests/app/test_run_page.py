@@ -1,0 +1,462 @@
+"""The Run page and the window around it: what they show and offer in each state of a session, and what a key sends."""
+
+import pytest
+from fake_client import GREEN, LONG_BREAK, PLAN, PRESETS, RED, before, movement, opened, paper, pulse, ready, result
+from fake_client import running as runs
+from page_table import Row, check, press, read
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton
+from screens import Screens, settle
+from sessions import session_of
+from status_messages import LOST, ON_BENCH, WELL
+
+from app.ipc import messages as m
+from app.window.canvas.force_view import HAND
+from app.window.canvas.layers import OFF
+from app.window.main_window import SMALLEST
+from app.window.participant.tone import NO_SOUND
+from app.window.run.plan_bar import MARKS
+from app.window.run.run_page import ENDED, UNMEASURED, RunPage
+from app.window.run.session_cards import ABORT, REDO
+from app.window.widgets import theme, words
+from app.window.widgets.page import HOME, RUN
+from app.window.widgets.plots import NOTHING
+from core import tick_log
+from experiments.analysis.trials_table import STATUSES
+from experiments.language import ENGLISH_WORDS, FOLDER, language_text
+from experiments.protocol_file import Cues
+
+CTRL, ALT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.AltModifier
+PROMISES = " | ".join(ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon"))
+SHORT_DISK = m.Check("Disk", m.BAD, "12 MB free", "Free some space.")
+LATE = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
+OFF_BY_BOARD = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. Esc.")
+UNDONE = "/data is gone. Bring it back. All its 812 ticks are in memory. It is tried again every 5 s"
+STUCK = (*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", f"{UNDONE}."))
+RIG = m.StepCard("Make three-brake ready", "Hold the handle in its jig, then go on.", device_page=True)
+TEXT = m.StepCard("Text", "", participant="Think of a line")
+SECOND = PLAN[1]._replace(run=61)
+CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client take 2.4 s
+GIVEN = opened(protocol=paper(feedback="error", cues=CUES))
+FED_BACK = f"mm from the line on average | {ENGLISH_WORDS['slower']}"
+GERMAN = opened(protocol=paper(language="de", language_text=language_text("de", FOLDER)))
+IDLE = "Start | Pause | Repeat last trial | Skip next trial | Close session"
+ON_CARD = "More | Repeat | Exclude"
+NOTHING_SENT = {"Space": [], "Alt+R": [], "Alt+S": [], "Alt+P": [], "Alt+A": []}
+
+
+def with_check(check: m.Check, place: int) -> tuple[m.Check, ...]:
+    return (*GREEN[:place], check, *GREEN[place + 1 :])
+
+
+def after(*statuses: str, **changes) -> m.Snapshot:
+    """Ready after as many trials of the plan, which ended so."""
+    return ready(len(statuses), rows=tuple(map(result, PLAN, statuses)), **changes)
+
+
+STATES = {
+    # before and between trials
+    "no session": Row((opened(""), before()), "Ready | No session is open", offers="", sends=NOTHING_SENT),
+    "first": Row(
+        (opened(), ready()), "Ready | next: trial 1 | Participant reads: Welcome · We start in a moment",
+        offers="Start | Pause | Skip next trial | Close session", sends={"Space": [m.Start()]},
+    ),
+    "resumed": Row((opened(), ready(5, newest=None)), "Participant reads: Welcome back", "Well done"),
+    "paused": Row(
+        (opened(), ready(paused=True)), "Paused | next: trial 1 | Resume | Participant reads: Take a break",
+        sends={"Space": [], "Alt+P": [m.Pause(False)]},
+    ),
+    "notes": Row((opened(), ready(notes=("13:02 slower",))), "13:02 slower"),
+    "repeated by itself": Row(
+        (opened(), after("done", "stopped", coming=SECOND, notice="Trial 2 stopped. It comes again.")),
+        "next: trial 2, second try | 1 of 60 done | It comes again | Participant reads: Stopped",
+        sends={"Space": [m.Start()]},
+    ),
+    # what keeps a trial from starting, or does not
+    "red": Row(
+        (opened(), ready(checks=with_check(SHORT_DISK, 3))), "Not ready | Disk: 12 MB free. Free some space.", PROMISES,
+        sends={"Space": []},
+    ),
+    "waiting": Row(
+        (opened(), ready(checks=with_check(SHORT_DISK._replace(state=m.WAITING), 3))), "Not ready | 12 MB free",
+        PROMISES, sends={"Space": []},
+    ),
+    "amber": Row(
+        (opened(), ready(checks=with_check(LATE, 2))), "Ready | 12 ticks missed. Close other programs.",
+        sends={"Space": [m.Start()]},
+    ),
+    "brakes off": Row(
+        (opened(), ready(brakes_off="Esc was pressed")), "Brakes off | Esc was pressed | Allow brakes",
+        sends={"Space": [], "Ctrl+B": [m.AllowBrakes()]},
+    ),
+    "lost and off": Row(
+        (opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST)),
+        f"Not ready | Device: not connected. No sample for 200 ms. | {UNMEASURED}", sends={"Ctrl+B": []},
+    ),
+    "off by the board": Row(
+        (opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=(OFF_BY_BOARD, *WELL[1:]))), "Brakes off. Esc.",
+        UNMEASURED, sends={"Ctrl+B": [m.AllowBrakes()]},
+    ),
+    "in memory": Row(
+        (opened(), ready(3, not_written=UNDONE, in_memory="trial 4", checks=STUCK, notice=f"{UNDONE}.",
+                         notice_bad=True)),
+        "Lost if this program ends: trial 4. | All its 812 ticks are in memory", sends={"Space": []},
+    ),
+    # a trial
+    "running": Row(
+        (opened(), runs(23)), "Trial 24 of 60 | path | Path error | Tip force", offers="Abort trial | "
+        "Pause after this trial", sends={"Space": []},
+    ),
+    "recorded": Row((opened(), pulse(), runs()), "● Recording  0:00", "Not recording"),
+    "over": Row((opened(), pulse(), runs(), pulse(""), ready(1)), "Not recording"),
+    "second try": Row(
+        (opened(), runs(2, running=SECOND, rows=(result(PLAN[0]), result(PLAN[1], "redone")))),
+        "Trial 2 of 60, second try | three-brake", sends={"Space": []},
+    ),
+    "practice": Row(
+        (opened(), runs(0, running=PLAN[0]._replace(block=0), practice=True)), "Practice | path", "Not recording",
+        sends={"Space": []},
+    ),
+    # the card
+    "card": Row(
+        (opened(), runs(3), ready(4)), "Trial 4 done in 2.4 s | three-brake | Keep, start next trial",
+        offers=f"{ON_CARD} | Keep, start next trial", sends={"Space": [m.Start()]},
+    ),
+    "card, paused": Row((opened(), runs(1), ready(2, paused=True)), "Keep", offers=f"{ON_CARD} | Keep",
+                        sends={"Space": []}),
+    "practised": Row(
+        (opened(), runs(0, running=PLAN[0]._replace(block=0)),
+         ready(0, newest=result(PLAN[0]._replace(block=0), "timeout"))),
+        "Participant reads: Time is up", "Keep | Welcome",
+    ),
+    # steps
+    "re-rig": Row(
+        (opened(), ready(30, stage=m.RERIG)), "Not ready | next: trial 31 | Mount the four-brake",
+        sends={"Space": [m.Confirm()]},
+    ),
+    "on the bench": Row(
+        (opened(real_device=True), ready(stage=m.RERIG, card=RIG)),
+        "Make three-brake ready | Hold the handle in its jig | Device page  F3", sends={"Space": [m.Confirm()]},
+    ),
+    "being done": Row((opened(real_device=True), ready(stage=m.RERIG, card=RIG._replace(go_on=""))), RIG.title,
+                      sends={"Space": []}),
+    "break": Row((opened(), ready(12, stage=m.BREAK, card=LONG_BREAK)), "Break · 1:00", sends={"Space": []}),
+    "text": Row((opened(), ready(3, stage="a text", card=TEXT)), "Participant reads: Think of a line"),
+    "questions": Row((opened(), ready(10, stage=m.QUESTIONS)), ENGLISH_WORDS["effort"], "Trial 11"),
+    # the end
+    "finished": Row(
+        (opened(), ready(60, stage=m.FINISHED)), "Finished | Participant 01 | Session complete | Results  F2 | "
+        f"{len(PLAN)} recordings are kept and verified", "min left | no result | Show the controllers",
+        sends={"Space": [], "Alt+S": []},
+    ),
+    "finished, without a result": Row(
+        (opened(), m.Snapshot(m.FINISHED, (*map(result, PLAN[:59]), result(PLAN[59], "aborted")))),
+        "1 of 60 trials has no result",
+    ),
+    "failed": Row(
+        (opened(), ready(9, stage=m.FAILED, notice="The disk is full.", notice_bad=True)),
+        "Stopped | The disk is full. | Brakes are off | Participant reads: Please wait | Start again",
+        sends=NOTHING_SENT,
+    ),
+    "failed with data in memory": Row(
+        (opened(), ready(9, stage=m.FAILED, notice="No.", in_memory="trial 4")), "Open folder", "Start again",
+    ),
+    # what the participant is given back, whatever follows
+    **{
+        f"given back, {name}": Row((GIVEN, runs(2), ready(3, **following)), FED_BACK)
+        for name, following in {
+            "ready": {}, "paused": {"paused": True}, "red": {"checks": RED}, "re-rig": {"stage": m.RERIG},
+            "break": {"stage": m.BREAK, "card": LONG_BREAK}, "finished": {"stage": m.FINISHED},
+            "questions": {"stage": m.QUESTIONS},
+        }.items()
+    },
+    "not given back": Row((opened(), runs(2), ready(3)), never=FED_BACK),
+    "in German": Row((GERMAN, ready(1)), "Participant reads: Gut gemacht"),
+    "in German, questions": Row((GERMAN, ready(1, stage=m.QUESTIONS)), GERMAN.protocol.sentences["effort"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_what_can_be_read_and_done_in_each_state_of_a_session(screens: Screens, monkeypatch, state: str) -> None:
+    monkeypatch.setattr("app.window.run.trial_card.IGNORE_SPACE_S", 0.0)
+    check(screens, STATES[state])
+
+
+def test_what_the_participant_reads_is_what_the_experimenter_reads_of_it(screens: Screens) -> None:
+    for said in (ready(), ready(12, checks=RED), ready(5, paused=True), ready(9, stage=m.RERIG), runs()):
+        screens.hear(opened(), said)
+        reads = " · ".join(filter(None, screens.participant.view.shown))
+        assert f"Participant reads: {reads}" in read(screens.main)
+
+
+#: rows of the session, the trial that comes -> statuses in the plan's bar, what is marked, how far it is
+PLANS = {
+    "each status": (runs(5, rows=tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))),
+                    ["done", "timeout", "aborted", "redone", "recovered"], 6, "3 of 60 done · 1 without a result"),
+    "repeated": (ready(rows=(*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(PLAN[3]._replace(run=61))),
+                       coming=PLAN[4]), ["done"] * 4, 5, "4 of 60 done"),
+    "cut short": (after("done", "stopped", coming=SECOND), ["done", "stopped"], 2, "1 of 60 done"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", PLANS)
+def test_the_plan_marks_each_trial_and_counts_them(screens: Screens, case: str) -> None:
+    said, statuses, marked, progress = PLANS[case]
+    screens.hear(opened(), said)
+    plan = screens.run.strip.plan
+    assert [plan.statuses[run] for run in range(1, len(statuses) + 1)] == statuses == [*plan.statuses.values()]
+    assert plan.marked == marked and screens.run.strip.progress.text().startswith(progress)
+
+
+@pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
+def test_the_whole_plan_is_in_sight(screens: Screens, size) -> None:
+    screens.main.resize(*size)
+    screens.hear(opened(), ready(12))
+    settle(screens.main)
+    plan = screens.run.strip.plan
+    cells = list(plan.cells.values())
+    assert len(cells) == len(PLAN) and all(QRectF(plan.rect()).contains(cell) for cell in cells)
+    assert min(cell.height() for cell in cells) > 8.0 and min(cell.width() for cell in cells) > 6.0
+    assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
+
+
+def test_every_status_has_its_colour_and_all_but_done_a_mark_and_a_line_for_the_participant() -> None:
+    assert set(theme.STATUS) == set(STATUSES) and set(MARKS) == set(STATUSES) - {"done"}
+    assert len(set(MARKS.values())) == len(MARKS)
+    for status in STATUSES:
+        large = words.between(ready(1, rows=(result(PLAN[0], status),)), opened()).large
+        assert large and (large == ENGLISH_WORDS["done"]) == (status == "done")
+
+
+#: what is said, the key that asks -> words of the question, the answer (a key, or one's own words), what is sent
+QUESTIONS = {
+    "repeat": (ready(5), "Alt+R", "Repeat trial 5?", "Alt+2", m.Redo(5, REDO.reasons[1])),
+    "repeat one that was not": (after("done", "redone", coming=PLAN[1]), "Alt+R", "Repeat trial 1?", "Alt+1",
+                                m.Redo(1, REDO.reasons[0])),
+    "skip": (ready(5), "Alt+S", "Skip trial 6?", "3 spare parts are missing, as p. 2 says",
+             m.Skip("3 spare parts are missing, as p. 2 says")),
+    "abort": (runs(), "Alt+A", "Abort this trial?", "Alt+1", m.Abort(ABORT.reasons[0], "now")),
+    "abort for another reason": (runs(), "Alt+A", "Repeat later", "Alt+3", m.Abort(ABORT.reasons[2], "now")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", QUESTIONS)
+def test_a_question_names_its_trial_and_takes_a_reason_and_never_none(screens: Screens, case: str) -> None:
+    said, key, asks, answer, command = QUESTIONS[case]
+    screens.hear(opened(), said)
+    assert press(screens, key) == [] and asks in read(screens.main)
+    field = screens.run.cards.question.own
+    assert screens.press(Qt.Key.Key_Return, field) == []
+    if answer.startswith("Alt+"):
+        QTest.keyClicks(field, "half a rea")
+        assert screens.press(Qt.Key(Qt.Key.Key_0 + int(answer[-1])), field, ALT) == [command]
+    else:
+        QTest.keyClicks(field, answer)
+        assert screens.press(Qt.Key.Key_Return, field) == [command]
+    assert screens.run.cards.question is None
+
+
+@pytest.mark.parametrize("written", ["", "he sneezed"])
+@pytest.mark.parametrize("stage", [m.READY, m.QUESTIONS])
+def test_an_abort_question_goes_when_its_trial_has_ended_and_what_was_written_is_not_lost(screens, written, stage):
+    screens.hear(opened(), runs(3))
+    press(screens, "Alt+A")
+    QTest.keyClicks(screens.run.cards.question.own, written)
+    screens.hear(ready(4, rows=(*ready(3).rows, result(PLAN[3], "timeout")), stage=stage))
+    question, note = screens.run.cards.question, screens.run.panel.note
+    if written and stage == m.READY:
+        assert ENDED in read(screens.main) and question.own.text() == written
+        assert screens.press(Qt.Key.Key_Return, question.own) == [m.Redo(PLAN[3].run, written)]
+    else:
+        assert question is None and note.text() == written
+        note.clear()
+
+
+def test_a_session_is_closed_between_trials_and_what_was_asked_of_it_goes_with_it(screens: Screens) -> None:
+    screens.hear(opened(), ready(3))
+    screens.run.panel.note.setText("not sent")
+    QTest.mouseClick(screens.run.panel.leave, Qt.MouseButton.LeftButton)
+    asked = read(screens.main)
+    assert "What is recorded stays" in asked and "lost then: the note." in asked
+    QTest.keyClick(screens.run.cards.question.buttons[0], Qt.Key.Key_Return)
+    assert screens.client.sent[-1] == m.Leave()
+    screens.hear(opened(""), before())
+    assert screens.run.cards.question is None and screens.run.panel.note.text() == "", "another participant comes next"
+
+
+def test_the_end_of_the_plan_leads_to_the_next_participant_and_a_blind_session_is_opened_by_somebody_with_a_name(
+    screens: Screens,
+) -> None:
+    screens.hear(opened(), ready(60, stage=m.FINISHED))
+    screens.run.panel.note.setText("a last no")
+    sent = len(screens.client.sent)
+    screens.run.cards.notice.buttons[1].click()
+    assert "Not saved" in read(screens.main) and len(screens.client.sent) == sent
+    screens.run.cards.leave()
+    screens.run.panel.note.clear()
+    screens.run.cards.notice.buttons[1].click()
+    assert screens.client.sent[sent:] == [m.Leave()]
+    screens.hear(opened(), ready(60, stage=m.FINISHED, blind=True))
+    QTest.mouseClick(screens.run.cards.notice.buttons[1], Qt.MouseButton.LeftButton)
+    question = screens.run.cards.question
+    assert screens.press(Qt.Key.Key_Return, question.own) == []
+    QTest.keyClicks(question.own, "R. Book")
+    assert screens.press(Qt.Key.Key_Return, question.own) == [m.Unblind("R. Book")]
+
+
+def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    screens.hear(opened(), ready(12, stage=m.BREAK, card=LONG_BREAK))
+    for passed_s, says, sent in ((30.0, "Break · 0:30", []), (30.1, "The break is over", [m.Confirm()])):
+        now[0] += passed_s
+        screens.hear()
+        assert says in read(screens.main) and press(screens, "Space") == sent
+
+
+def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Screens) -> None:
+    asked = []
+    screens.run.setup_asked.connect(lambda *about: asked.append(about))
+    screens.hear(opened(), ready(9, stage=m.FAILED, notice="The loop cannot be started.", notice_bad=True))
+    screens.main.blockSignals(True)  # no other server is started
+    screens.run.cards.notice.buttons[0].click()
+    screens.main.blockSignals(False)
+    assert asked == [(None, m.Open("01", resume=True))]
+
+
+def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_front_meanwhile(screens: Screens) -> None:
+    rows = movement(PLAN[0].segment, "AEB", 1.5)
+    rows[200, tick_log.LATENESS_US] = 2.0 * tick_log.MISSED_US
+    screens.hear(opened(), runs(0))
+    screens.main.show_page(HOME)
+    screens.tick(rows[:500])
+    screens.main.show_page(RUN)
+    screens.tick(rows[500:])
+    screens.hear(ready(1))
+    settle(screens.main)
+    card = screens.run.card
+    assert "1 tick missed" in card.flags.text()
+    assert card.legend.isVisible() and all(part.isVisible() for part in card.measures), "it has room for all"
+
+
+def click_trial(screens: Screens, run: int) -> None:
+    settle(screens.main)
+    plan = screens.run.strip.plan
+    QTest.mouseClick(plan, Qt.MouseButton.LeftButton, pos=plan.cells[run].center().toPoint())
+
+
+def test_a_cell_of_the_plan_opens_the_card_of_its_trial_with_its_own_flags_and_space_closes_it(
+    qtbot, screens: Screens, tmp_path
+) -> None:
+    with session_of(tmp_path, 2) as session:
+        rows, folder = tuple(session.rows), str(session.folder)
+    screens.hear(opened(folder=folder), ready(1, rows=rows[:1]), runs())
+    late = movement(PLAN[1].segment, "AEB", 1.4)
+    late[7, tick_log.LATENESS_US] = tick_log.MISSED_US
+    screens.tick(late)
+    screens.hear(ready(2, rows=rows))
+    card = screens.run.card
+    assert screens.run.card_shown and card.row == rows[1] and "1 tick missed" in card.flags.text()
+    click_trial(screens, rows[0].run)
+    screens.hear(ready(2, rows=rows))  # while the recording is read
+    qtbot.waitUntil(lambda: card.row == rows[0], timeout=60_000)
+    assert "1 tick missed" not in card.flags.text() and press(screens, "Alt+X") == []
+    QTest.keyClicks(screens.run.cards.question.own, "he sneezed")
+    assert screens.press(Qt.Key.Key_Return, screens.run.cards.question.own) == [m.Exclude(rows[0].run, "he sneezed")]
+    screens.hear(ready(2, rows=rows))
+    click_trial(screens, rows[0].run)
+    qtbot.waitUntil(lambda: card.row == rows[0] and card.ready, timeout=60_000)
+    assert press(screens, "Space") == [] and card.row == rows[1] and "1 tick missed" in card.flags.text()
+    qtbot.waitUntil(lambda: card.ready, timeout=60_000)
+    assert press(screens, "Space") == [m.Start()]
+
+
+def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothing_of_them_stays(screens) -> None:
+    over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
+    screens.participant.show()
+    screens.hear(opened(), runs(over))
+    rows, run = movement(1, "AEB", 1.0), screens.run
+    view, live, strip = run.workspace.view, run.live, run.strip
+    assert "no trial yet" in strip.energy.text()
+    for begin in range(0, len(rows), 16):
+        screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
+        screens.windows.frame()
+        assert live.force.figures.text().split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
+        for joint, doing in view.doing.items():
+            current = strip.currents.figures.text().split(joint + " ")[1].split()[0]
+            assert (doing.state == OFF) == (current in ("0.00", "–"))
+    screens.run.show_panels()
+    last = rows[-1]
+    assert live.error.newest == pytest.approx((1e3 * abs(last[tick_log.PATH_DISTANCE]),))
+    assert live.force.newest == pytest.approx(
+        (float((last[tick_log.HAND_FX] ** 2 + last[tick_log.HAND_FY] ** 2) ** 0.5),)
+    )
+    assert view.tip == screens.participant.view.tip == tuple(last[tick_log.TIP_X : tick_log.TIP_Y + 1])
+    assert view.line.startswith("Participant reads: Go") and "no brake added energy" in strip.energy.text()
+    screens.hear(ready(over + 1))
+    assert (live.force.figures.text(), strip.speed.figures.text(), len(live.force.t)) == ("– N", "– m/s", 1000)
+    screens.hear(opened(""), before())
+    assert not view.trail and not len(view.outline) and view.tip is None and not strip.ledger.began
+    assert not any(len(trace.t) for trace in (live.error, live.force, strip.speed, strip.currents, strip.timing))
+
+
+def test_another_device_has_no_numbers_of_the_trial_before_and_after_a_break_the_next_path_is_shown(screens) -> None:
+    screens.hear(opened(), runs(29))
+    screens.tick(movement(PLAN[29].segment, "AEB", 1.3))
+    view = screens.run.workspace.view
+    assert "N" in view.force_texts["hand"]
+    screens.hear(ready(30, stage=m.RERIG))
+    assert PLAN[29].configuration != PLAN[30].configuration == view.instant.device.name
+    assert view.title == "" and set(view.force_texts.values()) == {"–"}
+    screens.hear(ready(22, stage=m.BREAK, card=LONG_BREAK))
+    theirs = screens.participant.view
+    assert theirs.path is None and theirs.tip is None
+    screens.hear(ready(22))
+    assert theirs.path == opened().protocol.paths[PLAN[22].segment] and theirs.tip is not None
+
+
+def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
+    names = " | ".join(preset.name for preset in PRESETS.values() if preset.name != "None")
+    for over in range(10):
+        row = Row((opened(), runs(over, blind=True)), f"path {PLAN[over].segment}", f"{names} | Currents | Energy")
+        check(screens, row)
+        screens.tick(movement(PLAN[over].segment, "AEB", 0.4))
+        check(screens, row._replace(said=()))
+    assert PRESETS[PLAN[9].controller].name in read(screens.hear(runs(9)))
+
+
+@pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
+def test_what_is_wrong_takes_the_room_of_the_strip(screens: Screens, size) -> None:
+    folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
+    console, strip = screens.main, screens.run.strip
+    console.resize(*size)
+    screens.hear(opened(), ready(3), pulse())
+    settle(console)
+    before, wide = [screens.run.geometry(), screens.run.workspace.geometry()], strip.plan.width()
+    many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
+    for snapshot in (ready(3, checks=many), ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True)):
+        screens.hear(snapshot)
+        settle(console)
+        banner = strip.banner
+        assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
+        assert banner.width() == wide and banner.isVisible()
+        lines = banner.words.fontMetrics().boundingRect(banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text())
+        assert lines.height() <= banner.words.height(), "both lines are seen whole"
+    assert before == [screens.run.geometry(), screens.run.workspace.geometry()], "nothing moves"
+
+
+def test_tones_that_cannot_be_heard_are_named_once_before_the_first_trial(screens: Screens, monkeypatch) -> None:
+    monkeypatch.setattr("app.window.run.run_page.player", lambda: None)
+    for tones, over, said in ((True, 0, True), (False, 0, False), (True, 1, False)):
+        screens.hear(opened(protocol=paper(tones=tones)), ready(over))
+        assert (NO_SOUND in read(screens.main)) == said
+
+
+def test_before_the_session_server_has_said_anything_run_says_so_and_nothing_can_be_pressed(qtbot) -> None:
+    page = RunPage(lambda command: None)
+    qtbot.addWidget(page)
+    page.show()
+    seen = [button for button in page.panel.findChildren(QAbstractButton) if button.isVisible()]
+    assert seen and not any(button.isEnabled() for button in seen)
+    assert (page.large.text(), page.small.text()) == words.PREPARING
