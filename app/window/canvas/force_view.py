@@ -2,7 +2,7 @@
 a menu and its keys show and hide."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRectF
@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QMenu, QPushButton
 from app.window.canvas.layers import Doing, Instant, Point, doing
 from app.window.canvas.marks import arrow_of, paint_arrow
 from app.window.canvas.path_marks import Sizes
-from app.window.canvas.plane import Plane
+from app.window.canvas.plane import Painter, Plane
 from app.window.canvas.small_view import SmallView
 from app.window.widgets.keys import add_key
 from app.window.widgets.parts import NO_FOCUS, Panel, column, row
@@ -51,8 +51,6 @@ class ForceView(Plane):
     """One device on one path, and in a corner the whole linkage with all of its brakes. A subclass adds what else it
     shows of `instant`, and where its read-outs stand."""
 
-    inset_at_top = False
-
     def __init__(self, extent: QRectF, keep_free: QMarginsF, sizes: Sizes, follows_mouse: bool = False) -> None:
         super().__init__(extent, sizes, keep_free, follows_mouse)
         self.instant: Instant | None = None  # of the device; none before the first trial
@@ -65,6 +63,7 @@ class ForceView(Plane):
         self.inset = SmallView(INSET_SIZES)
         self.inset.setParent(self)
         self._under_inset = QRectF()  # px, where a handle would lie under it
+        self.under_path = [self._paint_frame]
 
     # what to show
 
@@ -141,8 +140,7 @@ class ForceView(Plane):
     def fit(self) -> None:
         width = int(min(INSET_PX, 0.24 * self.width(), 0.4 * self.height()))
         height = int(0.9 * width)
-        y = 10 if self.inset_at_top else self.height() - height - 10
-        self.inset.setGeometry(self.width() - width - 10, y, width, height)
+        self.inset.setGeometry(self.width() - width - 10, self.height() - height - 10, width, height)
         self._under_inset = QRectF(self.inset.geometry()).marginsAdded(QMarginsF(*4 * (self.sizes.handle,)))
         super().fit()
 
@@ -174,7 +172,15 @@ class ForceView(Plane):
 
     # painting
 
-    def paint_under_path(self, painter: QPainter) -> None:
+    def of_instant(self, *paints: Callable[[QPainter, Instant], object]) -> list[Painter]:
+        """Painters of the newest tick; they draw nothing before there is one."""
+
+        def with_instant(paint: Callable[[QPainter, Instant], object]) -> Painter:
+            return lambda painter: self.instant and self.tip and paint(painter, self.instant)
+
+        return [with_instant(paint) for paint in paints]
+
+    def _paint_frame(self, painter: QPainter) -> None:
         if not self.inset.isHidden():
             painter.setPen(pen(COLOURS.line, 2.0))
             painter.drawRect(self.inset.geometry())

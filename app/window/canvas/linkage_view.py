@@ -63,6 +63,14 @@ class LinkageView(ForceView):
         self.shown = {TRAIL, LINKAGE, FORCES}
         self.title, self.line = "", ""
         self.sense = 1.0  # of travel
+        self.under_path = [self._paint_needles, *([self._paint_scale] if worded else []), *self.under_path]
+        self.under_handle = self.of_instant(
+            self._paint_wedge, self._paint_arms, self._paint_directions, self._paint_joints, self._paint_states,
+            self.paint_forces,
+        )  # fmt: skip
+        words = (self._paint_readouts, self._paint_legend) if worded else ()
+        self.over_handle = [*self.of_instant(*words), self._paint_line]
+        self.words_kept_clear = worded
         self.fit()
 
     def fit(self) -> None:
@@ -124,7 +132,7 @@ class LinkageView(ForceView):
 
     # painting
 
-    def paint_under_path(self, painter: QPainter) -> None:
+    def _paint_needles(self, painter: QPainter) -> None:
         if self._path is not None and self.instant is not None and FIELD in self.shown:
             step = max(NEEDLE_M, NEEDLE_PX / self.scale)
             low, high = (
@@ -133,12 +141,11 @@ class LinkageView(ForceView):
             )
             found = layers.needles(self._path, self.sense, self.instant.device, low, high, step)
             marks.paint_field(painter, self.pixels(found[:, :2]), found[:, 2:] * (1.0, -1.0), step * self.scale)
-        if self._worded_view and self._path is not None:
-            self._paint_scale(painter)
-        super().paint_under_path(painter)
 
     def _paint_scale(self, painter: QPainter) -> None:
         """A bar of a known length, and whether parameters of the device are assumed."""
+        if self._path is None:
+            return
         wide, low = self.scale * SCALE_M, self.height() - 9.0
         left = QPointF(0.5 * (self.width() - wide), low)
         painter.setPen(pen(COLOURS.quiet, 1.5))
@@ -147,30 +154,24 @@ class LinkageView(ForceView):
         if self._assumed:
             write_from(painter, QPointF(EDGE_PX, low - 6.0), ASSUMED, theme.SMALL, False, COLOURS.quiet)
 
-    def paint_under_handle(self, painter: QPainter) -> None:
-        if (now := self.instant) is None or self.tip is None:
-            return
-        if self._worded_view:
-            painter.setClipRect(self.field)  # the words are not covered
-        handle, (at, rings) = self.to_screen(now.tip), self._joints(now)
+    def _paint_wedge(self, painter: QPainter, now: layers.Instant) -> None:
         if REACHABLE in self.shown and not self.blind and (wedge := now.reachable()):
-            marks.paint_wedge(painter, handle, wedge)
-        marks.paint_arms(painter, at, ARM_PX, 2.0)
-        if at and DIRECTIONS in self.shown and self._path is not None:
-            field = now.field or layers.field_at_rest(self._path, now.tip, self.sense)
-            marks.paint_directions(
-                painter, handle, layers.directions(now.device, now.g, field), field, now.device.labels
-            )
-        marks.paint_joints(painter, rings, now.device.labels, None if self.blind else self.doing)
-        self._paint_states(painter, rings, now.device.labels)
-        self.paint_forces(painter, now)
-        painter.setClipping(False)
+            marks.paint_wedge(painter, self.to_screen(now.tip), wedge)
 
-    def paint_over_handle(self, painter: QPainter) -> None:
-        if self._worded_view and self.instant is not None and self.tip is not None:
-            if VALUES in self.shown:
-                self._paint_readouts(painter, self.instant.device.labels)
-            self._paint_legend(painter)
+    def _paint_arms(self, painter: QPainter, now: layers.Instant) -> None:
+        marks.paint_arms(painter, self._joints(now), ARM_PX, 2.0)
+
+    def _paint_directions(self, painter: QPainter, now: layers.Instant) -> None:
+        if LINKAGE in self.shown and now.joints and DIRECTIONS in self.shown and self._path is not None:
+            field = now.field or layers.field_at_rest(self._path, now.tip, self.sense)
+            found = layers.directions(now.device, now.g, field)
+            marks.paint_directions(painter, self.to_screen(now.tip), found, field, now.device.labels)
+
+    def _paint_joints(self, painter: QPainter, now: layers.Instant) -> None:
+        marks.paint_joints(painter, self._rings(now), now.device.labels, None if self.blind else self.doing)
+
+    def _paint_line(self, painter: QPainter) -> None:
+        """The line above the drawing."""
         x, high = EDGE_PX, 26
         for text, size, bold, colour in (
             (self.title, theme.HEAD, True, COLOURS.text),
@@ -181,8 +182,9 @@ class LinkageView(ForceView):
             painter.drawText(QRectF(x, 8.0, self.width(), high), LEFT, text)
             x += 12.0 + text_width(text, size, bold)
 
-    def _paint_states(self, painter: QPainter, rings: Mapping[str, QPointF], labels: Mapping[str, str]) -> None:
+    def _paint_states(self, painter: QPainter, now: layers.Instant) -> None:
         """Beside the ring of each brake that acts, in words, what it does: a colour alone would not be enough."""
+        rings, labels = self._rings(now), now.device.labels
         for joint, (state, _) in self.doing.items() if self._worded_view and not self.blind else ():
             if state != layers.OFF and joint in rings:
                 reach = marks.ring_radius(labels[joint]) + BESIDE_RING_PX
@@ -191,7 +193,7 @@ class LinkageView(ForceView):
                 at = QPointF(left if left > 0.0 else rings[joint].x() + reach, rings[joint].y())
                 write_from(painter, at, state, theme.SMALL, False, COLOURS.text)
 
-    def _paint_legend(self, painter: QPainter) -> None:
+    def _paint_legend(self, painter: QPainter, _: layers.Instant) -> None:
         """What the marks of each layer mean that is laid over the view."""
         shown = [layer for layer in (FIELD, DIRECTIONS, REACHABLE) if layer in self.shown]
         shown = [layer for layer in shown if layer != REACHABLE or not self.blind]
@@ -244,9 +246,11 @@ class LinkageView(ForceView):
         lines = 1 + MOST_BRAKES // self._brakes_a_line
         return QRectF(8.0, READOUT_TOP_PX, self.width() - 16.0, lines * READOUT_STEP_PX)
 
-    def _paint_readouts(self, painter: QPainter, labels: Mapping[str, str]) -> None:
+    def _paint_readouts(self, painter: QPainter, now: layers.Instant) -> None:
+        if VALUES not in self.shown:
+            return
         box, most = self.readout_box, self._brakes_a_line
-        forces, brakes = self.readouts(labels)
+        forces, brakes = self.readouts(now.device.labels)
         for down, line in enumerate((forces, brakes[:most], brakes[most:])):
             apart = min((box.width() - 16.0 - self._head_px) / max(len(line), 1), READOUT_PX)
             size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
@@ -258,17 +262,21 @@ class LinkageView(ForceView):
                 gap = text_width(f"{name} ", size, bold=True)
                 write_from(painter, at + QPointF(gap, 0.0), text, size, False, colour)
 
-    def _joints(self, now: layers.Instant) -> tuple[dict[str, QPointF], dict[str, QPointF]]:
-        """Where the joints and their rings are, px; none where the linkage is hidden."""
+    def _joints(self, now: layers.Instant) -> dict[str, QPointF]:
+        """Where the joints are, px; none where the linkage is hidden."""
         shown = now.joints if LINKAGE in self.shown else {}
-        at = {joint: self.to_screen(place) for joint, place in shown.items()}
+        return {joint: self.to_screen(place) for joint, place in shown.items()}
+
+    def _rings(self, now: layers.Instant) -> dict[str, QPointF]:
+        """Where the rings of the joints are, px, as far as they are seen beside words and corner."""
+        rings = marks.rings_of(self._joints(now), now.device.labels)
+        if not self._worded_view:
+            return rings
         room = QMarginsF(*4 * (marks.JOINT_PX,))
         whole, corner = self.field.marginsRemoved(room), QRectF(self.inset.geometry()).marginsAdded(room)
         if self.inset.isHidden():
             corner = QRectF()
-        rings = marks.rings_of(at, now.device.labels)
-        seen = {name: place for name, place in rings.items() if whole.contains(place) and not corner.contains(place)}
-        return at, seen if self._worded_view else rings  # the corner has the others
+        return {name: place for name, place in rings.items() if whole.contains(place) and not corner.contains(place)}
 
 
 #: layer -> its key, what it shows

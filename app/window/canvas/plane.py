@@ -4,7 +4,7 @@ Metres in, the same scale for all trials of a session. What stands still is pain
 piece by piece as it grows; a frame paints, where something moves, the background and on it what moves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from PySide6.QtCore import QEvent, QMarginsF, QPointF, QRect, QRectF, Qt, Signal
@@ -41,8 +41,12 @@ def around(places: QPolygonF | list[QPointF], reach: float) -> QRect:
     return QPolygonF(places).boundingRect().adjusted(-edge, -edge, edge, edge).toAlignedRect()
 
 
+Painter = Callable[[QPainter], object]  # draws one thing
+
+
 class Plane(QWidget):
-    """Path, start, end, trail, handle, pointer and spring. A subclass adds what else it shows.
+    """Path, start, end, trail, handle, pointer and spring, and what else `under_path`, `under_handle` and `over_handle`
+    draw, each painter one thing, in this order.
 
     extent: what must be seen, m. keep_free: px at each side that stay clear of it.
     follows_mouse: the pointer over this widget is the hand, and drawn.
@@ -77,6 +81,10 @@ class Plane(QWidget):
         self.radii_m: tuple[float, float] | None = None  # that count at start and end; None: rings of a fixed size
         self._obstacles: list[np.ndarray] = []  # corners (n, 2), m
         self._beside: tuple[np.ndarray, str] | None = None  # another way (n, 2), m, and its colour
+        self.under_path: list[Painter] = []  # what stands still
+        self.under_handle: list[Painter] = []  # what moves
+        self.over_handle: list[Painter] = []
+        self.words_kept_clear = False  # what moves under the handle covers no words above and below the field
         self._follows_mouse = follows_mouse
         self._aimed: Point | None = None  # where the own pointer is (m), if that is not shown yet
         self.setMouseTracking(follows_mouse)
@@ -234,16 +242,7 @@ class Plane(QWidget):
         self.fit()
         super().resizeEvent(event)
 
-    # painting: a subclass adds to these three
-
-    def paint_under_path(self, painter: QPainter) -> None:
-        """What stands still under the path."""
-
-    def paint_under_handle(self, painter: QPainter) -> None:
-        """What moves, under the handle."""
-
-    def paint_over_handle(self, painter: QPainter) -> None:
-        """What moves, over everything."""
+    # painting
 
     def paintEvent(self, event: QPaintEvent) -> None:
         ratio = self.devicePixelRatioF()
@@ -253,9 +252,13 @@ class Plane(QWidget):
         painter.drawPixmap(0, 0, self._background)
         if event.region().intersects(self._box):
             painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-            self.paint_under_handle(painter)
-            self._paint_hand(painter)
-            self.paint_over_handle(painter)
+            if self.words_kept_clear:
+                painter.setClipRect(self.field)
+            for paint in self.under_handle:
+                paint(painter)
+            painter.setClipping(False)
+            for paint in (self._paint_hand, *self.over_handle):
+                paint(painter)
             self._painted_box = self._box
         self.painted.emit()
 
@@ -271,7 +274,8 @@ class Plane(QWidget):
             painter.setPen(pen(COLOURS.quiet, 2.0))
             painter.setBrush(QBrush(shade(COLOURS.quiet, 0.6), Qt.BrushStyle.BDiagPattern))
             painter.drawPolygon(polygon(self.pixels(corners)))
-        self.paint_under_path(painter)
+        for paint in self.under_path:
+            paint(painter)
         if len(self.outline):
             heads = not isinstance(self.path, Segment)
             path_marks.paint_path(painter, self.pixels(self.outline), heads, self.rings_px, self.sizes)

@@ -27,6 +27,7 @@ class SmallView(Plane):
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setMinimumSize(0, 0)
+        self.under_handle = [self._paint_linkage]
         self.hide()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
@@ -47,7 +48,7 @@ class SmallView(Plane):
     def moving_box(self) -> QRect:
         return self.rect()
 
-    def paint_under_handle(self, painter: QPainter) -> None:
+    def _paint_linkage(self, painter: QPainter) -> None:
         if (now := self.instant) is not None:
             at = {joint: self.to_screen(place) for joint, place in now.joints.items()}
             marks.paint_arms(painter, at, ARM_PX, 2.0)

@@ -29,6 +29,7 @@ class DeviceView(SmallView):
 
     def __init__(self) -> None:
         super().__init__(AT_DESK)
+        self.under_handle = [self._paint_device]
         self._keep_free = QMarginsF(30.0, 20.0, 30.0, ANGLE_PX + 16.0)
         self.caption = wrapped_label("", "quiet", theme.SMALL)
         self._status, self._jig = m.DeviceStatus(), (0.0, 0.0)  # m
@@ -52,7 +53,7 @@ class DeviceView(SmallView):
         self.show_instant(Instant(device, status.tip if known else self._jig), {})
         self.update()
 
-    def paint_under_handle(self, painter: QPainter) -> None:
+    def _paint_device(self, painter: QPainter) -> None:
         if (now := self.instant) is None:
             middle = QPointF(self.rect().center())
             theme.write(painter, middle, NO_DEVICE, theme.NORMAL, False, COLOURS.quiet)

@@ -1,6 +1,7 @@
 """The board on the bench as Home offers it: what answers at the ports, and which port is connected."""
 
 from functools import partial
+from typing import NamedTuple
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QPushButton, QWidget
@@ -15,6 +16,14 @@ from hardware.discovery import BoardFound, scan_ports
 OPENING = "Opening …"
 
 
+class Link(NamedTuple):
+    """The port that was chosen, how its board is, and the port that comes next."""
+
+    port: str = ""
+    device: m.Check = m.Check("Device", m.WAITING, OPENING)
+    opening: str = ""
+
+
 class BoardPorts(QWidget):
     """The ports, looked at again and again while they are shown."""
 
@@ -26,10 +35,8 @@ class BoardPorts(QWidget):
         self._page = page
         self.setObjectName("clear")
         self._found: tuple[BoardFound, ...] = ()
-        self._mine = ""  # the port that was chosen ..
-        self._state = m.Check("Device", m.WAITING, OPENING)  # .. and how its board is
-        self._opening = ""  # the port that comes next
-        self._looking = Watch(self, lambda: (scan_ports, self._found, self._mine), self._show_found)
+        self._link = Link()
+        self._looking = Watch(self, lambda: (scan_ports, self._found, self._link.port), self._show_found)
         self.port = QLineEdit(placeholderText="Another port", accessibleName="Port")
         self.port.returnPressed.connect(self._connect_typed)
         self.port.textChanged.connect(lambda _: self._show_typed())
@@ -44,9 +51,9 @@ class BoardPorts(QWidget):
 
         opening: the port that comes next, while the session server before it ends.
         """
-        device = next((check for check in checks if check.name == "Device"), m.Check("Device", m.WAITING, OPENING))
-        if (port, device, opening) != (self._mine, self._state, self._opening):
-            self._mine, self._state, self._opening = port, device, opening
+        device = next((check for check in checks if check.name == "Device"), Link().device)
+        if (link := Link(port, device, opening)) != self._link:
+            self._link = link
             if self.port.text() == port:
                 self.port.clear()
             self._fill()
@@ -63,25 +70,26 @@ class BoardPorts(QWidget):
 
     def _fill(self) -> None:
         clear(self._rows)
-        if self._mine:
+        port, device, opening = self._link
+        if port:
             own = button("Device page  F3", lambda: self._page.page_asked.emit(DEVICE, None))
-            connected = self._state.state not in (m.BAD, m.WAITING)
-            words = wrapped_label("connected" if connected else self._state.text, "good" if connected else "caution")
-            self._rows.addLayout(row_of(self._mine, words, own))
-        for found in (board for board in self._found if board.port != self._mine):
+            connected = device.state not in (m.BAD, m.WAITING)
+            words = wrapped_label("connected" if connected else device.text, "good" if connected else "caution")
+            self._rows.addLayout(row_of(port, words, own))
+        for found in (board for board in self._found if board.port != port):
             connect = button("Connect", partial(self.connect_asked.emit, found.port))
-            if found.port == self._opening:
+            if found.port == opening:
                 show_wait(connect, OPENING)
             self._rows.addLayout(row_of(found.port, wrapped_label(found.words, "quiet"), connect))
         self._show_typed()
-        if not self._found and not self._mine:
+        if not self._found and not port:
             self._rows.addWidget(wrapped_label("No board answers on USB. Plug one in, or type its port.", "quiet"))
 
     def _show_typed(self) -> None:
         """The button beside the port that is typed: dead while none is, or while one is being opened."""
-        typed = self._opening not in ("", *(board.port for board in self._found))
+        typed = self._link.opening not in ("", *(board.port for board in self._found))
         self.connect_typed.setText(OPENING if typed else "Connect")
-        self.connect_typed.setEnabled(bool(self.port.text()) and not self._opening)
+        self.connect_typed.setEnabled(bool(self.port.text()) and not self._link.opening)
 
     def _connect_typed(self) -> None:
         if self.port.text():

@@ -77,16 +77,18 @@ class PathPicture(Plane):
         super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 10.0), follows_mouse=False)
         self._ways: dict[int, np.ndarray] = {}
         self._free = np.empty((0, 2))
+        self.under_path = [lambda painter: paint_grid(painter, self), self._paint_places, self._paint_ways]
 
     def show_paths(self, ways: dict[int, np.ndarray], free: np.ndarray) -> None:
         self._ways, self._free = ways, free
         self.repaint_still()
 
-    def paint_under_path(self, painter: QPainter) -> None:
-        paint_grid(painter, self)
+    def _paint_places(self, painter: QPainter) -> None:
         painter.setClipRect(beside_names(self))  # the names of the lines are not covered
         painter.setPen(theme.pen(COLOURS.edge, 2.0, round_cap=True))
         painter.drawPoints(polygon(self.pixels(self._free)))
+
+    def _paint_ways(self, painter: QPainter) -> None:
         for at, (number, way) in enumerate(self._ways.items()):
             paint_path(painter, self.pixels(way), False, (7.0, 7.0), self.sizes)
             middle = self.to_screen(way[int(len(way) * (at + 0.35) / len(self._ways))])  # where no other number is

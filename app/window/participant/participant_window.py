@@ -53,7 +53,7 @@ class ParticipantView(Plane):
         self.held = 0.0  # share of the hold at the start that is over
         self.side = 0  # where the text stands: in the middle, or out of the handle's way, left (-1) or right (1)
         self.mouse = True
-        self._device: Device | None = None  # whose linkage is shown
+        self.show_linkage(None)
 
     def write(self, shown: Shown) -> None:
         """The line of large text, and the quiet one under it."""
@@ -81,8 +81,10 @@ class ParticipantView(Plane):
         return super().moving_box() if self._device is None else self.rect()
 
     def show_linkage(self, device: Device | None) -> None:
-        """Draw the arms of a device; None: no linkage."""
+        """Draw the arms of a device, and the text above them; None: no linkage."""
         self._device = device
+        marks, text = [self._paint_hold, self._paint_arms, self._paint_rim], self._paint_text
+        self.under_path, self.under_handle = ([text], [*marks]) if device is None else ([], [*marks, text])
         self.repaint_still()
 
     def fit(self) -> None:
@@ -95,10 +97,6 @@ class ParticipantView(Plane):
     def point_at(self, at: QPointF) -> None:
         if self.mouse and self.tip is not None:  # else there is nothing to take hold of
             super().point_at(at)
-
-    def paint_under_path(self, painter: QPainter) -> None:
-        if self._device is None:
-            self._paint_text(painter)
 
     def _paint_text(self, painter: QPainter) -> None:
         height = self.height()
@@ -118,17 +116,20 @@ class ParticipantView(Plane):
             painter.drawText(line, centre, text)
             top = line.bottom()
 
-    def paint_under_handle(self, painter: QPainter) -> None:
+    def _paint_hold(self, painter: QPainter) -> None:
         if self.held > 0.0 and len(self.outline):
             paint_hold(painter, self.to_screen(self.outline[0]), self.rings_px[0], self.held, 2.0 * self.sizes.ring_pen)
+
+    def _paint_arms(self, painter: QPainter) -> None:
         if self._device is not None and self.tip is not None:
             joints = joints_at(self._device.mechanism, self.tip)
             wide = ARM_SHARE * self.sizes.handle
             paint_arms(painter, {joint: self.to_screen(place) for joint, place in joints.items()}, wide, 0.25 * wide)
-        if self.tip is not None:  # a rim, so that it is found on the line, which has its colour
+
+    def _paint_rim(self, painter: QPainter) -> None:
+        """Around the handle, so that it is found on the line, which has its colour."""
+        if self.tip is not None:
             paint_disc(painter, self.to_screen(self.tip), self.handle_px + RIM_PX, COLOURS.canvas)
-        if self._device is not None:
-            self._paint_text(painter)  # above the arms
 
 
 def extent_at_half_width(

@@ -31,6 +31,8 @@ class PassView(ForceView):
         super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
         self.shown = {TRAIL, FORCES, GAP}
         self.gap_m = 0.0
+        self.under_path = [self._paint_gap, self._paint_scale, *self.under_path]
+        self.under_handle = self.of_instant(self.paint_forces)
         self.fit()
 
     def fit(self) -> None:
@@ -48,7 +50,7 @@ class PassView(ForceView):
             self.gap_m = gap_m
             self.repaint_still()
 
-    def paint_under_path(self, painter: QPainter) -> None:
+    def _paint_gap(self, painter: QPainter) -> None:
         if GAP in self.shown and self.gap_m > 0.0 and len(self.outline):
             way, stroker = QPainterPath(), QPainterPathStroker()
             way.addPolygon(polygon(self.pixels(self.outline)))
@@ -57,14 +59,11 @@ class PassView(ForceView):
             painter.setPen(pen(COLOURS.caution, 1.0, 0.5))
             painter.setBrush(shade(COLOURS.caution, 0.10))
             painter.drawPath(stroker.createStroke(way).simplified())
+
+    def _paint_scale(self, painter: QPainter) -> None:
         if self.path is not None:
             right = (self.width() if self.inset.isHidden() else self.inset.x()) - 20.0
             low = self.height() - 14.0
             painter.setPen(pen(COLOURS.quiet, 1.5))
             painter.drawLine(QPointF(right - 0.02 * self.scale, low), QPointF(right, low))
             write(painter, QPointF(right - 0.01 * self.scale, low - 12.0), "2 cm", theme.NORMAL, False, COLOURS.quiet)
-        super().paint_under_path(painter)
-
-    def paint_under_handle(self, painter: QPainter) -> None:
-        if self.tip is not None and self.instant is not None:
-            self.paint_forces(painter, self.instant)
