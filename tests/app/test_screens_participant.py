@@ -43,6 +43,7 @@ def said(screens: Screens) -> str:
 MOUSE_HAND, SENSOR_HAND, AGAIN = opened(), opened(hand="force sensor"), "until it is full"
 TIMED = opened(protocol=paper(feedback="time", cues=Cues(too_fast_s=3.0, too_slow_s=6.0)))  # the trial took 2.4 s
 SLOW = opened(protocol=paper(cues=Cues(too_fast_s=0.5, too_slow_s=2.0)))
+ERROR = opened(protocol=paper(feedback="error"))
 #: what the server says, the phase of the ticks (None: there are none) and whether the pointer has the handle -> what is
 #: read in large, what of the quiet line, and what is not
 SAYS = {
@@ -60,7 +61,7 @@ SAYS = {
     "finished": ((MOUSE_HAND, ready(9, stage=m.FINISHED)), None, True, "Thank you!", "", "trial"),
     "time, too fast": ((TIMED, running(), ready(1)), None, True, "Well done", "2.4 seconds · A little slower", "mm"),
     "too slow": ((SLOW, running(), ready(1)), None, True, "Well done", "A little faster", "2.4"),
-    "error": ((opened(protocol=paper(feedback="error")), running(), ready(1)), None, True, "Well done", "1.1 mm", "s "),
+    "error": ((ERROR, running(), ready(1)), None, True, "Well done", "1.1 mm", "2.4"),
 }  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """The Try page on a server that is made up: what it sends, what it shows, how it compares passes."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 import pytest
 from drawn_ways import trail_of
@@ -16,7 +18,7 @@ from app.ipc import messages as m
 from app.ipc.ring import GRASP_RADIUS_M
 from app.window.sandbox.dials import DIALS, Dial
 from app.window.sandbox.pass_view import GAP
-from app.window.sandbox.try_page import BACK, TryPage
+from app.window.sandbox.try_page import BACK, NO_PASS, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
@@ -49,6 +51,92 @@ def held(qtbot) -> Held:
     return made
 
 
+class Seen(NamedTuple):
+    """What Try shows of what the server says."""
+
+    said: m.Snapshot
+    large: str = ""  # the line on the canvas
+    notice: str = NO_PASS  # beside the table
+    warning: str = ""  # under the dials
+    changed: str = ""  # what reset takes back
+    can: str = ""  # the dials that can be set; "": not looked at
+    gap: bool = False  # its layer can be shown
+    sends: list[Any] = []  # noqa: RUF012  (never changed) of Space
+
+
+def of(controller: int, **parameters: float) -> m.SandboxSettings:
+    return INITIAL._replace(controller=controller).with_parameters(**parameters)
+
+
+ALWAYS, DRAG = "blend_width_m spring_N_m brake_strength backlash_deg", "the brakes' own drag is larger"
+REAL = {"fixed": ("device", *ALWAYS.split()[1:]), "by_start": True}
+RESET = {"controller": 4, "path": 2, "device": "four-brake"}
+TRY = {
+    "no brakes": Seen(tried(of(1)), can=ALWAYS),
+    "rails": Seen(tried(of(2)), can=f"gap_m {ALWAYS}"),
+    "with a gap": Seen(tried(of(2, gap_m=0.005)), can=f"gap_m {ALWAYS}", changed="gap", gap=True),
+    "a guide": Seen(tried(of(4)), can=f"gap_m gain_N_s_m {ALWAYS}"),
+    "a weak guide": Seen(tried(of(5, gain_N_s_m=5.0)), warning=DRAG, changed="gain"),
+    "one that is felt": Seen(tried(of(5, gain_N_s_m=12.0)), changed="gain"),
+    "rails of a weak gain": Seen(tried(of(2, gain_N_s_m=5.0))),
+    "real, in a pass": Seen(tried(**REAL), warning="next pass", can="blend_width_m gap_m"),
+    "real": Seen(before(sandbox=tried(**REAL).sandbox), "Ready", warning="next pass", sends=[m.Start()]),
+    "brakes off": Seen(before(sandbox=tried().sandbox, brakes_off="Esc", notice="This pass."), "Brakes off", ""),
+    "refused": Seen(tried()._replace(notice="It cannot be.", notice_bad=True), notice="It cannot be."),
+    "changed": Seen(tried(INITIAL._replace(**RESET, rules="literal", spring_N_m=400.0)), changed="rules · hand spring"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("state", TRY)
+def test_what_can_be_read_and_set_in_each_state(held: Held, state: str) -> None:
+    page, seen = held.page, TRY[state]
+    if seen.said.running is None:
+        page.show_ticks(movement(1, "AEB", 2.0), True)
+    page.show_snapshot(seen.said)
+    controls = page.controls
+    assert seen.large in page.large.text() and page.notice.text() == seen.notice
+    assert seen.warning in controls.warning.text() and controls.warning.isVisible() == bool(seen.warning)
+    assert controls.reset.isEnabled() == bool(seen.changed) and controls.changes.text().endswith(seen.changed)
+    can = {name for name, dial in controls.dials.items() if dial.isEnabled()}
+    assert not seen.can or can == set(seen.can.split())
+    assert controls.segments["device"].isEnabled() == ("device" not in seen.said.sandbox.fixed)
+    assert page.workspace.layers[GAP].isEnabled() == seen.gap
+    held.sent.clear()
+    page.keys()["start"]()
+    assert held.sent == seen.sends
+    if seen.changed == "rules · hand spring":
+        held.click(controls.reset)
+        assert held.last() == INITIAL._replace(**RESET) and not controls.changes.text()
+    if seen.said.running is None and not seen.sends:
+        assert not np.hypot(*page.canvas.instant.hand) and page.error.text() != "–", "of the pass that was stopped"
+        page.show_snapshot(tried(INITIAL._replace(path=2)))
+        assert {figure.text() for figure in (page.error, page.force, page.time)} == {"–"}
+
+
+def test_the_page_opens_try_with_the_servers_settings_and_ends_it_and_in_a_session_says_why_not(qtbot) -> None:
+    held = Held(qtbot)
+    assert held.sent == [m.SetSandbox(None)]
+    held.page.show_snapshot(tried())
+    assert held.page.controls.settings == INITIAL and held.page.controls.guides[2].isChecked()
+    held.page.end()
+    assert held.sent[-1] == m.EndSandbox()
+    held.sent.clear()
+    held.page.show_opened(opened("01"))
+    held.page.show_snapshot(ready(1, notice="Participant 01: 57 of 60 trials left."))
+    held.page.begin()
+    assert not held.sent and held.page.large.text() == "A session is open" and not held.page.notice.text()
+    assert not held.page.clear.isEnabled() and not held.page.controls.guides[1].isEnabled()
+    held.page.show_opened(opened(""))
+    assert [type(command) for command in held.sent] == [m.SetSandbox]
+
+
+def test_a_refusal_brings_the_settings_back(held: Held) -> None:
+    held.page.controls.dials["brake_strength"].slider.setValue(0)
+    assert held.last().brake_strength == 0.05 and held.page.controls.changes.text() == "Changed: brake strength"
+    held.page.show_snapshot(tried()._replace(notice="It cannot be.", notice_bad=True))
+    assert held.page.controls.settings == INITIAL
+
+
 def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_their_names_do_not_fit(held) -> None:
     held.page.show_opened(opened("", protocol=load_protocol("displays")))  # the paper's controllers and paths
     held.page.show_snapshot(tried(INITIAL._replace(device="er-two-brake")))
@@ -56,28 +144,6 @@ def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_
     buttons = held.page.controls.segments["device"].findChildren(QPushButton)
     assert [one.text() for one in buttons if one.isChecked()] == ["er-two-brake"] and len(buttons) == 4
     assert len({one.y() for one in buttons}) == 2 and faults(held.page.controls) == []
-
-
-def test_the_page_opens_try_with_the_servers_settings_and_ends_it(qtbot) -> None:
-    held = Held(qtbot)
-    assert held.sent == [m.SetSandbox(None)]
-    held.page.show_snapshot(tried())
-    assert held.page.controls.settings == INITIAL and held.page.controls.guides[2].isChecked()
-    held.page.end()
-    assert held.sent[-1] == m.EndSandbox()
-
-
-def test_with_a_session_open_it_asks_for_nothing_and_says_why(qtbot) -> None:
-    held = Held(qtbot)
-    held.page.end()
-    held.sent.clear()
-    held.page.show_opened(opened("01"))
-    held.page.show_snapshot(ready(1))
-    held.page.begin()
-    assert not held.sent and held.page.large.text() == "A session is open"
-    assert not held.page.clear.isEnabled() and not held.page.controls.guides[1].isEnabled()
-    held.page.show_opened(opened(""))
-    assert held.sent == [m.SetSandbox(None)]
 
 
 def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
@@ -138,24 +204,6 @@ def test_every_place_of_a_slider_is_a_value_that_has_this_place(dial) -> None:
     assert dial.value_at(0) == dial.least and dial.value_at(places[-1]) == pytest.approx(dial.most, rel=0.03)
 
 
-def test_only_what_the_controller_has_can_be_set_and_the_gain_is_logarithmic(held: Held) -> None:
-    def enabled() -> set[str]:
-        return {name for name, dial in held.page.controls.dials.items() if dial.isEnabled()}
-
-    always = {"blend_width_m", "spring_N_m", "brake_strength", "backlash_deg"}
-    for controller, own in ((1, set()), (2, {"gap_m"}), (4, {"gap_m", "gain_N_s_m"})):
-        held.page.show_snapshot(tried(INITIAL._replace(controller=controller)))
-        assert enabled() == always | own
-    held.page.show_snapshot(tried(fixed=("device", "spring_N_m", "brake_strength", "backlash_deg"), by_start=True))
-    assert enabled() == {"blend_width_m", "gap_m"} and not held.page.controls.segments["device"].isEnabled()
-    assert "next pass" in held.page.controls.warning.text()
-    held.page.keys()["start"]()
-    assert m.Start() not in held.sent and not held.page.start.isEnabled() and held.page.start.isVisible(), "a pass runs"
-    held.page.show_snapshot(before(sandbox=tried(by_start=True).sandbox))
-    held.page.keys()["start"]()
-    assert held.sent[-1] == m.Start()
-
-
 def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_has(held: Held) -> None:
     shown = {name: dial.dial.label for name, dial in held.page.controls.dials.items()}
     assert shown.items() >= {"gap_m": "Gap", "gain_N_s_m": "Gain"}.items() and "wall_N_m" not in shown
@@ -168,18 +216,6 @@ def test_a_protocol_brings_a_slider_for_each_parameter_that_a_controller_of_it_h
     assert (wall.isEnabled(), wall.value.text()) == (True, "2\u202f000 N/m")
     wall.slider.setValue(wall.dial.slider_position(500.0))
     assert held.last() == settings.with_parameters(wall_N_m=500.0)
-
-
-def test_the_layer_of_the_gap_is_dead_where_there_is_no_gap(held: Held) -> None:
-    for gap_m in (0.0, 0.005):
-        held.page.show_snapshot(tried(INITIAL.with_parameters(gap_m=gap_m)))
-        assert held.page.workspace.layers[GAP].isEnabled() == (gap_m > 0.0)
-
-
-def test_a_gain_below_the_brakes_own_drag_is_warned_of_only_where_it_acts(held: Held) -> None:
-    for controller, gain, warned in ((5, 5.0, True), (5, 12.0, False), (4, 5.0, True), (2, 5.0, False)):
-        held.page.show_snapshot(tried(INITIAL._replace(controller=controller).with_parameters(gain_N_s_m=gain)))
-        assert ("drag is larger" in held.page.controls.warning.text()) == warned
 
 
 def test_a_setting_has_one_row_with_its_newest_pass_on_each_device_the_newest_on_top(held: Held) -> None:
@@ -295,16 +331,6 @@ def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
         assert np.hypot(*np.subtract(path.end_m, path.start_m)) * view.scale > 0.3 * view.width() or number == 2
 
 
-def test_a_refusal_brings_the_settings_back_and_stands_beside_the_table(held: Held) -> None:
-    held.page.controls.dials["brake_strength"].slider.setValue(0)
-    assert held.last().brake_strength == 0.05 and held.page.controls.changes.text() == "Changed: brake strength"
-    held.page.show_snapshot(tried()._replace(notice="It cannot be.", notice_bad=True))
-    assert held.page.controls.settings == INITIAL and held.page.notice.text() == "It cannot be."
-    held.page.controls.dials["backlash_deg"].slider.setValue(0)
-    QTest.mouseClick(held.page.controls.reset, Qt.MouseButton.LeftButton)
-    assert held.last() == INITIAL and not held.page.controls.changes.text()
-
-
 def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:
     assert not held.page.controls.rare.isVisible(), "what is rarely set is behind More"
     held.page.controls.more.click()
@@ -318,25 +344,3 @@ def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_devi
     )
     held.page.show_snapshot(tried(fixed=("sensing",), by_start=True))
     assert not sensing.isEnabled()
-
-
-def test_what_is_named_as_changed_is_what_reset_takes_back_and_nothing_else(held: Held) -> None:
-    chosen = INITIAL._replace(controller=4, path=2, device="four-brake")
-    held.page.show_snapshot(tried(chosen._replace(rules="literal", spring_N_m=400.0)))
-    assert held.page.controls.changes.text() == "Changed: rules · hand spring"
-    QTest.mouseClick(held.page.controls.reset, Qt.MouseButton.LeftButton)
-    assert held.last() == chosen and not held.page.controls.changes.text() and not held.page.controls.reset.isEnabled()
-
-
-def test_no_force_no_figure_and_no_notice_outlives_what_it_was_of(held: Held) -> None:
-    page, notice = held.page, {"notice": "This pass: brakes off.", "notice_bad": True}
-    page.show_ticks(movement(1, "AEB", 2.0), True)
-    assert page.error.text() != "–" and np.hypot(*page.canvas.instant.hand) > 0.0
-    page.show_snapshot(before(sandbox=tried().sandbox, tip=(0.05, 0.4), brakes_off="Esc", **notice))
-    assert not np.hypot(*page.canvas.instant.hand) and not page.notice.text(), "the banner says that brakes are off"
-    assert page.error.text() != "–" and page.large.text() == "Brakes off", "of the pass that was stopped"
-    page.show_snapshot(tried(INITIAL._replace(path=2)))
-    assert {figure.text() for figure in (page.error, page.force, page.time)} == {"–"}
-    page.show_opened(opened("01"))
-    page.show_snapshot(ready(3, notice="Participant 01: 57 of 60 trials left."))
-    assert not page.notice.text(), "of the session, on Run"

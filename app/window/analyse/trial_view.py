@@ -80,7 +80,7 @@ class TrialView(Panel):
         self._timer = QTimer(self)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.frame)
-        self.dot, self.title = text_label("●", size=theme.TITLE), OneLine("", "", theme.TITLE, bold=True)
+        self.dot, self.title = text_label("●", size=theme.TITLE), OneLine("", "", theme.NORMAL, bold=True)
         self.about, self.measures = OneLine(""), wrapped_label("", size=theme.SMALL)
         self.measures.setTextFormat(Qt.TextFormat.RichText)
         self.note = OneLine("", "quiet")

@@ -1,6 +1,7 @@
 """Parts that are added to a protocol's text: what each is called in the menu, and its commented lines."""
 
 import re
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -21,125 +22,14 @@ class Part(NamedTuple):
         return not self.head.startswith("[[")
 
 
+def read_parts(text: str) -> tuple[tuple[Part, ...], ...]:
+    """The groups of a text of parts, in which "## " begins a part and an empty "##" another group."""
+    groups = (re.findall(r"^## (.+)\n((?:(?!##).*\n)+)", group, re.MULTILINE) for group in text.split("##\n"))
+    return tuple(tuple(Part(*part) for part in group) for group in groups)
+
+
 #: In the order of the menu, in groups.
-PARTS = (
-    (
-        Part(
-            "a segment",
-            """\
-[[path]]
-kind = "segment"                # straight from start to end
-start_m = [-0.10, 0.35]         # x, y, in metres from the middle between the two base joints
-end_m = [0.10, 0.35]
-""",
-        ),
-        Part(
-            "a polyline",
-            """\
-[[path]]
-kind = "polyline"               # straight from point to point, at least two
-points_m = [[-0.09, 0.32], [0.00, 0.36], [0.09, 0.32]]   # x, y, in metres
-""",
-        ),
-        Part(
-            "an arc",
-            """\
-[[path]]
-kind = "arc"                    # counter-clockwise where to_deg is greater than from_deg
-centre_m = [0.00, 0.30]
-radius_m = 0.10
-from_deg = 150.0                # 0 is to the right, 90 away from the person
-to_deg = 30.0
-""",
-        ),
-    ),
-    (
-        Part(
-            "SDOF control",
-            """\
-[[controller]]
-name = "SDOF {n}"               # in tables and figures
-kind = "sdof"                   # one brake allows the motion along the path
-gap_m = 0.005                   # half the width of the band along the path without control; 0: none
-""",
-        ),
-        Part(
-            "proportional control",
-            """\
-[[controller]]
-name = "Proportional {n}"       # in tables and figures
-kind = "proportional"           # the force grows with the velocity that is not wanted
-gain_N_s_m = 500.0              # so many newtons for 1 m/s
-gap_m = 0.0                     # half the width of the band along the path without control
-""",
-        ),
-    ),
-    (
-        Part(
-            "practice trials",
-            """\
-practice_trials = 2             # before each device; they are recorded, and not counted
-""",
-        ),
-        Part(
-            "breaks",
-            """\
-[breaks]
-after_trials = 12               # of a device
-least_s = 60.0                  # the next trial waits so long at least
-""",
-        ),
-        Part(
-            "a longest movement",
-            """\
-[trial]
-time_out_s = 30.0               # a movement ends after so long
-hold_s = 0.5                    # at the start, before "go"
-""",
-        ),
-        Part(
-            "words for too fast and too slow",
-            """\
-[cues]
-too_fast_s = 1.5                # after a shorter movement the participant reads "slower",
-too_slow_s = 6.0                # after a longer one "faster"
-""",
-        ),
-    ),
-    (
-        Part(
-            "a page of instructions",
-            """\
-[[instruction]]
-text = "Take the handle. Follow the line as exactly as you can, at a speed of your own."
-""",
-        ),
-        Part(
-            "consent",
-            """\
-[consent]                       # asked of each participant before anything else; no signature is kept
-text = "Your movements are recorded under a number. You may stop at any time."
-""",
-        ),
-        Part(
-            "questions about the participant",
-            """\
-[form]                          # asked when a session is opened
-handedness = ["left", "right"]  # one of these,
-age = "number"                  # a number,
-experience = "text"             # or any text
-""",
-        ),
-        Part(
-            "a questionnaire",
-            """\
-[questionnaire]
-on = true
-each = "block"                  # after each block; "controller": after a controller's last trial on a device
-""",
-        ),
-    ),
-)
+PARTS = read_parts(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 class Place(NamedTuple):
