@@ -78,7 +78,7 @@ TRY = {
     "a guide": Seen(tried(of(4)), can=f"gap_m gain_N_s_m {ALWAYS}"),
     "a weak guide": Seen(tried(of(5, gain_N_s_m=5.0)), warning=DRAG, changed="gain"),
     "one that is felt": Seen(tried(of(5, gain_N_s_m=12.0)), changed="gain"),
-    "rails of a weak gain": Seen(tried(of(2, gain_N_s_m=5.0))),
+    "rails of a weak gain": Seen(tried(of(2, gain_N_s_m=5.0)), changed="gain"),
     "real, in a pass": Seen(tried(**REAL), warning="next pass", can="blend_width_m gap_m"),
     "real": Seen(before(sandbox=tried(**REAL).sandbox), "Ready", warning="next pass", sends=[m.Start()]),
     "brakes off": Seen(before(sandbox=tried().sandbox, brakes_off="Esc", notice="This pass."), "Brakes off", ""),
