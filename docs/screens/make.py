@@ -106,7 +106,7 @@ class MadeUpHand(QObject):
         seen = (main.pages[name].workspace.view for name in (RUN, TRY) if name in main.pages)
         for view in (self._windows.participant.view, *seen):
             if view.isVisible():
-                view.point_at(view.to_screen(pointer), 1.0)
+                view.point_at(view.to_screen(pointer))
         self._bench.ring.aim(*pointer)
 
 

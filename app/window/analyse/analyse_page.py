@@ -34,7 +34,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.theme import COLOURS, colour_at, colour_of
-from app.window.widgets.words import data_folder_of, in_colour
+from app.window.widgets.words import STATUS_WORDS, data_folder_of, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.analysis.charts import (
@@ -226,7 +226,8 @@ class AnalysePage(Page):
         recorded = {row.status for row in rows if row.recording}
         statuses = [status for status in STATUSES if status in recorded]
         self.statuses.show_choices(
-            {status: status for status in statuses}, [status for status in statuses if status not in SHOWN_FIRST]
+            {status: STATUS_WORDS.get(status, status) for status in statuses},
+            [status for status in statuses if status not in SHOWN_FIRST],
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])

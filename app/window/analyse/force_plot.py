@@ -15,7 +15,6 @@ from experiments.analysis.error_against_force import (
     ERROR,
     FORCE,
     SMOOTHNESS,
-    TITLE,
     Mark,
     diameter,
     halvings,
@@ -27,6 +26,7 @@ from experiments.analysis.error_against_force import (
 from experiments.analysis.trials_table import Trials
 
 CIRCLE_PX = 22.0  # the largest diameter
+HEAD = f"{ERROR.title}, {ERROR.shown_unit}, against {FORCE.short}, {FORCE.shown_unit}"
 ABOUT = "A circle's area is the DFT of acceleration. Each line across halves the error. Best: low and left."
 
 
@@ -34,7 +34,7 @@ class ForcePlot(Plot):
     """Median path error over median tip force; the error on a logarithmic axis."""
 
     def __init__(self) -> None:
-        super().__init__(OneLine(f"{TITLE}, {ERROR.shown_unit} over {FORCE.shown_unit}", "", theme.NORMAL, bold=True))
+        super().__init__(OneLine(HEAD, "", theme.NORMAL, bold=True))
         self.head.setStretch(0, 3)
         self.head.setStretch(1, 2)
         self.title.setToolTip(ABOUT)

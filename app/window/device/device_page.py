@@ -33,8 +33,8 @@ from app.window.widgets.parts import (
 from app.window.widgets.preflight import MARKS
 
 SIMULATED = (
-    "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on the "
-    "Home page and connect to its port."
+    "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on Home "
+    "and connect to it."
 )
 ROWS_PX, ROW_PX, NAME_PX = 720, 52, 110  # of the rows: wide at most, high at least; of a name
 RAW, PICTURE = "Raw numbers  ›", "‹  Picture"
@@ -56,7 +56,7 @@ class DevicePage(Page):
         self.main.setMinimumHeight(44)
         keep_room(self.main)  # nothing moves when it comes
         self.no_figures = wrapped_label("", size=theme.TITLE)
-        self.no_figures.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.no_figures.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.view = DeviceView()
         self.rows = {name: (text_label(), wrapped_label()) for name in figures.READINESS}  # mark, words
         named = (name for names in figures.GROUPS.values() for name in names)
@@ -87,7 +87,7 @@ class DevicePage(Page):
         seen = panel("Where the encoders see the handle", (self.view, 1), self.view.caption, spacing=4)
         self.side = stack(seen, self._raw_panel())
         self.bench = holder(row((left, 5), (self.side, 4), spacing=theme.GAP))
-        self.setLayout(column(self.no_figures, (self.bench, 1)))
+        self.setLayout(column((self.no_figures, 1), (self.bench, 1)))
 
     def _raw_panel(self) -> Panel:
         groups: QVBoxLayout = column(spacing=10)

@@ -124,7 +124,7 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
     for check in snapshot.checks:  # the server's own, which says what keeps trials from starting
         name = {"Device": of_device, "Hand": FORCE if reached else ""}.get(check.name, "")
         if name and check.state != m.GOOD:
-            found[name] = check._replace(text=check.text if check.state == m.DUE else told(check))
+            found[name] = check._replace(text=check.text if check.state in (m.DUE, m.WAITING) else told(check))
     return found
 
 

@@ -164,7 +164,7 @@ class DataPanel(Panel):
         name = OneLine(session.participant, "", theme.NORMAL, bold=True)
         name.setToolTip(session.problem or f"Participant {session.participant}, {session.protocol} protocol")
         when = datetime.fromtimestamp(session.changed_s)
-        date = text_label(f"{when.day} {when:%b %Y}", "quiet")
+        date = text_label("" if session.problem else f"{when.day} {when:%b %Y}", "quiet")
         date.setFixedWidth(DATE_PX)
         done.setMinimumWidth(DATE_PX)
         lines = column(row((name, 1), date, done, main, self._more(session, is_open), spacing=8), spacing=2)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QSizePolicy, QToolTip, QWidget
 from app.ipc import messages as m
 from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, text_width, write, write_from
-from app.window.widgets.words import describe
+from app.window.widgets.words import STATUS_WORDS, describe
 from experiments.analysis.trials_table import TrialRow
 from experiments.plan import PlannedTrial
 from experiments.store.cells import cell, place, try_of
@@ -19,11 +19,6 @@ HIGH_PX, LINE_PX, GAP_PX, BLOCK_PX, WIDEST_PX, MARKED_PX = 16.0, 18.0, 2.0, 9.0,
 #: Shown by shape too, not by colour alone.
 MARKS = {
     "timeout": "t", "aborted": "×", "redone": "r", "recovered": "c", "skipped": "–", "stopped": "!", "excluded": "e",
-}  # fmt: skip
-#: status -> what the mark means
-NAMES = {
-    "timeout": "time was up", "aborted": "aborted", "redone": "repeated", "recovered": "recovered",
-    "skipped": "skipped", "stopped": "cut short", "excluded": "excluded",
 }  # fmt: skip
 
 
@@ -59,6 +54,7 @@ class PlanBar(QWidget):
         self.running = snapshot.running is not None
         for trial in opened.plan:
             status = self.statuses.get(trial.run, "not done yet")
+            status = STATUS_WORDS.get(status, status)
             if trial.run == self.marked:
                 status = "running" if self.running else "next"
             tries = try_of(self._newest.get(trial.run, trial), snapshot.rows)
@@ -113,7 +109,11 @@ class PlanBar(QWidget):
             if trial.configuration != device:
                 device = trial.configuration
                 write_from(painter, QPointF(box.left(), y), device, theme.SMALL, False, COLOURS.quiet)
-        legend = [f"{mark} {NAMES[status]}" for status, mark in MARKS.items() if status in self.statuses.values()]
+        legend = [
+            f"{mark} {STATUS_WORDS.get(status, status)}"
+            for status, mark in MARKS.items()
+            if status in self.statuses.values()
+        ]
         text = "   ".join(legend)
         left = self.width() - text_width(text, theme.SMALL)
         write_from(painter, QPointF(left, y), text, theme.SMALL, False, COLOURS.quiet)

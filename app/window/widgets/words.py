@@ -60,9 +60,13 @@ KEPT = "What had reached its file is kept."
 LEAVE = "What is recorded stays, and Home resumes the session where it stands."
 LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
 
+#: status of a trial, in the tables -> on the screen
+STATUS_WORDS = {"timeout": "time was up", "redone": "repeated", "stopped": "cut short"}
+
 #: Short names of Table I's controllers; others stand as the protocol has them.
 SHORT = {
-    "SDOF with gap": "SDOF\ngap", "Proportional,\nhigh gain": "Prop.\nhigh", "Proportional,\nlow gain": "Prop.\nlow",
+    "SDOF with gap": "SDOF\nwith gap", "Proportional,\nhigh gain": "Prop.\nhigh gain",
+    "Proportional,\nlow gain": "Prop.\nlow gain",
 }  # fmt: skip
 
 
