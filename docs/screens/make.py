@@ -182,7 +182,8 @@ def pages(windows: Windows, hand: MadeUpHand, study: Path) -> None:
         elif controller != 2:  # a line of the table
             until(lambda: len(main.snapshot.sandbox.passes) > passes)  # noqa: B023
     main.show_page(ANALYSE, study)
-    until(lambda: after(4.0))
+    until(lambda: main.page(ANALYSE).results is not None)
+    until(lambda: after(1.0))
     shoot(main, "analyse")
 
 
