@@ -23,7 +23,7 @@ from experiments.simulate.scene import read_scene, scene_file
 from experiments.simulate.simulate import simulate
 from experiments.store.files import TABLE, pooled_rows, sessions_in
 from experiments.store.own_code import allow_code, unallowed_code
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.study.replay import Replacement
 from experiments.study.replay import replay as _replay
 from experiments.study.unrecorded import study_in_processes, with_low_gain_found

@@ -23,8 +23,8 @@ from experiments.plan import PlannedTrial, participant_index
 from experiments.protocol import Protocol, home_of
 from experiments.recording import Sensors
 from experiments.store.journal import HOMED, RERIGGED, ZEROED
+from experiments.store.recording import RecordingWriter
 from experiments.store.session import Session
-from experiments.store.writer import RecordingWriter
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Trial

@@ -15,7 +15,7 @@ from app.ipc.ring import Ring
 from app.ipc.scheduling import LostTime, lost_time
 from core import tick_log
 from core.faults import cause
-from experiments.store.writer import RecordingWriter
+from experiments.store.recording import RecordingWriter
 
 DRAIN_S = 0.02
 OnTicks = Callable[[np.ndarray], None]

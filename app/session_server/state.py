@@ -197,7 +197,7 @@ class ServerState:
         if isinstance(self.device, RealSetup) and not self.broken:
             self.device.reconnect()
         if run is not None and not self.sandbox.owns(run):
-            self.storage.rescue(run, why)
+            self.storage.store_trial(run, why)
         else:
             self.sandbox.lost()
             self.notify(with_advice("", why), bad=True)

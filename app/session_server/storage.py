@@ -7,7 +7,6 @@ again. The experimenter reads what is in memory, and no trial starts meanwhile.
 import contextlib
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from app.session_server.preflight import with_advice
@@ -37,8 +36,8 @@ class Storage:
         self.progress = progress
         self.verified = ""  # name of the run whose recording was verified last
         self.not_written = ""  # why not everything is written, a sentence without its full stop; "": it is
-        self._last: TrialRun | None = None  # the trial that was begun last
-        self._close_trial: Callable[[], None] | None = None  # closes the trial that has ended and is not closed yet
+        #: The trial that has ended and is not stored yet, and why its control loop was lost with it ("": it was not).
+        self._ended: tuple[TrialRun, str] | None = None
         self._tried_s = time.perf_counter()
 
     @property
@@ -54,7 +53,8 @@ class Storage:
             return ""
         database, parts = self.open.session.database, []
         if database.pending_ticks:
-            of = f"{self._name(self._last).lower()}, " if self._last is not None else ""
+            run = self._runner.run or (self._ended[0] if self._ended else None)
+            of = f"{self._name(run).lower()}, " if run is not None else ""
             parts.append(f"{of}{counted(database.pending_ticks, 'tick')}")
         if lines := database.pending_in("event"):
             parts.append(f"{counted(lines, 'line')} of the journal")
@@ -77,10 +77,14 @@ class Storage:
         return left
 
     def _write_all(self) -> None:
-        """Write everything, and close the trial that has ended. OSError or InputError: it cannot be."""
-        if self._close_trial is not None:
-            self._close_trial()
-            self._close_trial = None
+        """Write everything, and store the trial that has ended. OSError or InputError: it cannot be."""
+        if self._ended is not None:
+            run, lost = self._ended
+            if lost:
+                self._rescue_trial(run, lost)
+            else:
+                self._finish_trial(run)
+            self._ended = None
         self.open.session.database.commit()
 
     def write(self, event: Event, **about: Any) -> None:
@@ -122,7 +126,6 @@ class Storage:
 
     def watch(self, run: TrialRun) -> None:
         """Report when the disk fails during a trial of the session, and when it is well again."""
-        self._last = run
         trouble = self.open.session.database.trouble
         if trouble is not None and not self.not_written:
             self.fail(f"The disk has failed under {self._name(run).lower()}", trouble)
@@ -130,15 +133,12 @@ class Storage:
             self.not_written = ""
             self._notify("The disk takes data again: all ticks so far are written.")
 
-    def store_trial(self, run: TrialRun) -> None:
-        """Store a trial that has ended."""
-        self._last, self._close_trial = run, partial(self._finish_trial, run)
-        self._store(f"{self._name(run)} is not complete")
-
-    def rescue(self, run: TrialRun, why: str) -> None:
-        """Recover a trial with which the control loop was lost."""
-        self._last, self._close_trial = run, partial(self._rescue_trial, run, why)
-        self._store(f"{why}; {self._name(run).lower()} is not complete")
+    def store_trial(self, run: TrialRun, lost: str = "") -> None:
+        """Store a trial that has ended. lost: why its control loop was lost with it, so that it is recovered."""
+        self._ended = run, lost
+        self._store(
+            f"{lost}; {self._name(run).lower()} is not complete" if lost else f"{self._name(run)} is not complete"
+        )
 
     def _name(self, run: TrialRun) -> str:
         return self.open.name_of(run.planned)
@@ -183,7 +183,6 @@ class Storage:
             if again:
                 session.open_again()
             self._write_all()
-            session.go_on()
         except (InputError, OSError) as error:
             self.fail(trouble, error)
             return

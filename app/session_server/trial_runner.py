@@ -25,8 +25,8 @@ from core import tick_log
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation
 from experiments.analysis.trials_table import TrialRow
+from experiments.store.recording import RecordingWriter
 from experiments.store.session import Session
-from experiments.store.writer import RecordingWriter
 from experiments.trial.trial import Trial
 
 TRY_TICKS = 250  # a quarter of a second of deadlines, before the first trial

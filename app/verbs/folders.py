@@ -165,7 +165,7 @@ def replay_verb(args: argparse.Namespace) -> int | None:
 
 
 def play(recording: Path) -> int:
-    from experiments.store.playback import read_playback
+    from experiments.study.playback import read_playback
 
     read_playback(recording)  # InputError: it cannot be played
     display = ScreenCheck("play it on", "--json needs none")

@@ -350,7 +350,7 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
     row = TrialRow(
         **{key: about[key] for key in NEEDED[:-1]},
         status=outcome["status"],
-        recording=os.path.relpath(recording.path, folder).replace(os.sep, "/"),
+        recording=os.path.relpath(recording.path, folder).replace(os.sep, "/") if recording.rows else "",
         controller_name=about.get("preset", {}).get("name"),
         measures=measures | ledger_of(outcome),
         failed=failed,

@@ -47,7 +47,7 @@ from experiments.store.blind import without_telltales
 from experiments.store.consent import agreed
 from experiments.store.files import lost_recordings, recordings_in, refuse_no_folder, relative_to, rows_of, sessions_in
 from experiments.store.journal import BEGUN, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
 
 #: What an export shows of a trial while its session is blind.

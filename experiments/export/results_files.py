@@ -29,7 +29,7 @@ from experiments.progress import Progress, no_progress
 from experiments.store import journal
 from experiments.store.cells import trial_names
 from experiments.store.files import TABLE
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.stored import StoredSession, read_stored
 
 PAGE = 8.27, 11.69  # inches: A4

@@ -41,7 +41,7 @@ def unblinded(thing: Coded, key: Mapping[str, int]) -> Coded:
 
 def blinded(row: TrialRow) -> TrialRow:
     """A coded row without what reveals its controller."""
-    return replace(without_telltales(row), controller_name=row.controller) if isinstance(row.controller, str) else row
+    return replace(without_telltales(row), controller_name=str(row.controller))
 
 
 def without_telltales(row: TrialRow) -> TrialRow:

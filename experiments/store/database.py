@@ -18,13 +18,14 @@ import sqlite3
 import tempfile
 import threading
 import time
+import uuid
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from core.files import InputError
-from experiments.atomic_files import PRIVATE_FILE, new_beside, reason_of, sync_folder
+from experiments.atomic_files import new_beside, reason_of, retry_while_locked, sync_folder
 
 DATABASE = "session.db"
 FORMAT = 1  # `user_version`; rises when a reader of today could no longer read the file
@@ -47,11 +48,11 @@ TABLES = {
 }  # fmt: skip
 #: Tables whose rows are numbered from 1 on; those of `ticks` leave it.
 NUMBERED = ("event", "trial", "result")
-SEALED = "sealed"  # row of `counts`, while the session is closed: `rows` is 1, `sum` the sum of the sums
-_SCHEMA = [
-    f"CREATE TABLE {table} ({', '.join(columns).replace(columns[0], f'{columns[0]} PRIMARY KEY', 1)}, crc INT) STRICT"
+SEALED = "sealed"  # row of `counts`: `rows` is 1 while the session is closed, and each sum that of its table
+_SCHEMA = f"PRAGMA user_version={FORMAT}; PRAGMA application_id={APPLICATION}; " + "; ".join(
+    f"CREATE TABLE {table} ({', '.join((f'{columns[0]} PRIMARY KEY', *columns[1:]))}, crc INT) STRICT"
     for table, columns in TABLES.items()
-]
+)
 _PUT = {
     table: f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * (len(of) + 1))})" for table, of in TABLES.items()
 }
@@ -79,13 +80,30 @@ class Row(NamedTuple):
     whole: bool  # it matches its checksum
 
 
+class StoredTrial(NamedTuple):
+    """A trial as the database has it."""
+
+    number: int
+    folder: str
+    run: int
+    about: str  # its `description`
+    outcome: str  # JSON; "": it has not ended
+    ticks: int  # once it has ended
+    bytes: int  # of its file
+    sha256: str  # of its file; "": its ticks are in the database
+
+    @property
+    def name(self) -> str:
+        """Of its file, in the folder of the session."""
+        return f"{self.folder}/run-{self.run:03d}.parquet"
+
+
 class Database:
     """A session's database, open for writing by the one process that holds the session's lock."""
 
-    def __init__(self, folder: Path, identity: str = "", sync: bool = True, name: str = DATABASE) -> None:
-        """identity: of a new one, which the first commit fills; "": there is one.
+    def __init__(self, folder: Path, sync: bool = True, name: str = DATABASE) -> None:
+        """sync: a commit waits for the disk itself, so that a power cut costs nothing that was committed.
 
-        sync: a commit waits for the disk itself, so that a power cut costs nothing that was committed.
         InputError: it cannot be read, or is of a later format. OSError: the disk.
         """
         self.path, self._sync = folder / name, sync
@@ -94,20 +112,11 @@ class Database:
         self._pending: list[tuple[str, tuple]] = []
         self.pending_ticks = self.pending_bytes = 0  # of the ticks that are in memory alone
         self._memory, self._disk = threading.Lock(), threading.Lock()
-        self.identity, self._is_new = identity, bool(identity)
-        self._given = dict.fromkeys(NUMBERED, 0)  # the numbers given last
-        self._ticks = 0
-        self._is_sealed = False
         self._db: sqlite3.Connection | None = None  # once something is written
-        if identity:
-            os.close(os.open(self.path, os.O_RDWR | os.O_CREAT, PRIVATE_FILE))
-            self.put("about", "identity", json.dumps(identity))
-            self.put("counts", SEALED, 0, 0)
-        else:
-            with reading(folder, name) as stored:
-                self.identity, self._is_sealed = stored.identity, stored.is_sealed
-                self._given = stored.given()
-                self._ticks = stored.last("ticks")
+        with reading(folder, name) as stored:
+            self.identity, self._is_sealed = stored.identity, stored.is_sealed
+            self._given = stored.given()  # the numbers given last
+            self._ticks = stored.last("ticks")
         self._file = os.stat(self.path)
 
     def _connected(self) -> sqlite3.Connection:
@@ -125,7 +134,7 @@ class Database:
         db = sqlite3.connect(self.path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
         try:
             db.execute(f"PRAGMA locking_mode={locking}").fetchall()
-            db.execute(f"PRAGMA synchronous={'FULL' if self._sync else 'NORMAL'}")
+            db.execute(f"PRAGMA synchronous={'EXTRA' if self._sync else 'NORMAL'}")  # the end of a journal's file, too
             db.execute(f"PRAGMA journal_mode={journal}").fetchall()
             db.execute("PRAGMA locking_mode=NORMAL").fetchall()
             db.execute("BEGIN IMMEDIATE")
@@ -217,9 +226,6 @@ class Database:
     def _write(self, db: sqlite3.Connection, changes: Sequence[tuple[str, tuple]]) -> None:
         db.execute("BEGIN IMMEDIATE")
         try:
-            if self._is_new:
-                for statement in (*_SCHEMA, f"PRAGMA user_version={FORMAT}", f"PRAGMA application_id={APPLICATION}"):
-                    db.execute(statement)
             if self._is_sealed:
                 db.execute(*self._counts(SEALED, 0, 0))
             for statement, values in changes:
@@ -229,7 +235,7 @@ class Database:
             with contextlib.suppress(sqlite3.Error):
                 db.execute("ROLLBACK")
             raise
-        self._is_new = self._is_sealed = False
+        self._is_sealed = False
 
     def _counts(self, *values: Any) -> tuple[str, tuple]:
         return _PUT["counts"], (*values, checksum(self.identity, "counts", values))
@@ -254,7 +260,7 @@ class Database:
         """Write what is in memory, seal the counts, and leave one plain file. OSError: it could not be written."""
         try:
             self.commit()
-            if not (self._is_new or self._is_sealed):
+            if not self._is_sealed:
                 self._seal()
         finally:
             self.disconnect()
@@ -277,45 +283,58 @@ class Database:
             db = self._connected()
             there = counted(db)
             counts = {table: (self._given.get(table, rows), sum_of) for table, (rows, sum_of) in there.items()}
-            counts[SEALED] = 1, sum(sum_of for _, sum_of in counts.values()) % 2**32
+            counts[SEALED] = 1, 0
             self._write(db, [self._counts(name, *count) for name, count in counts.items()])
             self._is_sealed = True
 
     def rescue(self, place: Path) -> None:
         """Write what is in memory into a database at another place, whole or not at all. OSError."""
-        with _as_os_error(place), new_beside(place) as partial:
-            with contextlib.closing(sqlite3.connect(partial, isolation_level=None)) as db:
-                db.execute("PRAGMA synchronous=FULL")
-                self._is_new = True
-                self._write(db, [change for change in self._pending if change[0] != _DROP_TICKS])
-            os.rename(partial, place)
-            sync_folder(place.parent)
+        with new_database(place, identity=self.identity) as rescued:
+            rescued._pending += [change for change in self._pending if change[0] != _DROP_TICKS]
 
     def take_rescued(self, place: Path) -> int:
         """Take what `rescue` wrote, with the next commit; how many ticks.
 
         InputError: it cannot be read, or the session went on without it. OSError.
         """
-        with reading(place.parent, place.name, self.identity) as rescued, self._memory:
-            changes = [(table, *row) for table in TABLES for row in rescued.rows(table)]
-            for table, values, whole in changes:
-                if not whole:
-                    raise InputError(f"{place}: {table} {values[0]!r}: does not match its checksum, it was changed")
-                if table in ("event", "result") and values[0] <= self._given[table]:
-                    raise InputError(f"{place}: the session went on without what is in it")
-            for table, values, _ in changes:
-                self._put(table, values)
-                if table in NUMBERED:
-                    self._given[table] = max(self._given[table], values[0])
-            ticks = [values for table, values, _ in changes if table == "ticks"]
-            self._ticks = max([self._ticks, *(values[0] for values in ticks)])
-        return sum(values[3] for values in ticks)
+        with reading(place.parent, place.name) as rescued, self._memory:
+            rows = {table: list(rescued.whole_rows(table)) for table in TABLES if table != "counts"}
+            if any(number <= self._given[table] for table in ("event", "result") for number, *_ in rows[table]):
+                raise InputError(f"{place}: the session went on without what is in it")
+            for table, found in rows.items():
+                for values in found:
+                    self._put(table, values)
+            for table in NUMBERED:
+                self._given[table] = max([self._given[table], *(number for number, *_ in rows[table])])
+                self._put("counts", (table, self._given[table], 0))
+            self._ticks = max([self._ticks, *(number for number, *_ in rows["ticks"])])
+        return sum(count for _, _, _, count, _ in rows["ticks"])
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextlib.contextmanager
+def new_database(path: Path, sync: bool = True, identity: str = "") -> Iterator[Database]:
+    """A new database, to be filled; at the end it takes its place, whole. OSError: it does not, and nothing is left.
+
+    identity: of the session; "": it is a new one.
+    """
+    identity = identity or uuid.uuid4().hex
+    with _as_os_error(path), new_beside(path) as partial:
+        with contextlib.closing(sqlite3.connect(partial, isolation_level=None)) as db:
+            db.executescript(f"BEGIN; {_SCHEMA}; COMMIT")
+            for table, values in (("about", ("identity", json.dumps(identity))), ("counts", (SEALED, 0, 0))):
+                db.execute(_PUT[table], (*values, checksum(identity, table, values)))
+        database = Database(path.parent, sync, partial.name)
+        yield database
+        database.close()
+        retry_while_locked(os.replace, partial, path)
+        if sync:
+            sync_folder(path.parent)
 
 
 def counted(db: sqlite3.Connection) -> dict[str, tuple[int, int]]:
@@ -333,15 +352,12 @@ def counted(db: sqlite3.Connection) -> dict[str, tuple[int, int]]:
 class Stored:
     """What a session's database holds, at one moment."""
 
-    def __init__(self, db: sqlite3.Connection, path: Path, identity: str = "") -> None:
+    def __init__(self, db: sqlite3.Connection, path: Path) -> None:
         self._db, self.path = db, path
-        self.identity = identity or self._identity()
-
-    def _identity(self) -> str:
-        found = self._db.execute("SELECT value FROM about WHERE name = 'identity'").fetchone()
+        found = db.execute("SELECT value FROM about WHERE name = 'identity'").fetchone()
         if found is None:
-            raise InputError(f"{self.path}: is damaged (it does not say which session it is)")
-        return str(json.loads(found[0]))
+            raise InputError(f"{path}: is damaged (it does not say which session it is)")
+        self.identity = str(json.loads(found[0]))
 
     def rows(self, table: str, where: str = "", *values: Any) -> Iterator[Row]:
         """The rows of a table by their keys. where: an SQL condition on these values."""
@@ -403,8 +419,14 @@ class Stored:
                     yield str(problem)
 
 
+def trials_in(stored: Stored) -> Iterator[tuple[StoredTrial, bool]]:
+    """Every trial in the order in which they were begun, and whether it matches its checksum."""
+    for values, whole in stored.rows("trial"):
+        yield StoredTrial(*values), whole
+
+
 @contextlib.contextmanager
-def reading(folder: Path, name: str = DATABASE, identity: str = "") -> Iterator[Stored]:
+def reading(folder: Path, name: str = DATABASE) -> Iterator[Stored]:
     """A session's database, to be read: as it is now, whatever is written meanwhile. Nothing is changed.
 
     FileNotFoundError: there is none. InputError: it is no database of ours, of a later format, or damaged.
@@ -421,7 +443,7 @@ def reading(folder: Path, name: str = DATABASE, identity: str = "") -> Iterator[
             db = stack.enter_context(_copy_of(path))
         try:
             refuse_format(db, path)
-            yield Stored(db, path, identity)
+            yield Stored(db, path)
         except (sqlite3.Error, UnicodeDecodeError) as error:
             raise InputError(f"{path}: is damaged ({error})") from None
 

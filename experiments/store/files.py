@@ -12,7 +12,7 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -21,15 +21,14 @@ import filelock
 
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, Trials, as_table, table_bytes, write_table
-from experiments.atomic_files import reading_stored
-from experiments.store.database import DATABASE, Database, Stored, reading
+from experiments.atomic_files import reading_stored, replace_file
+from experiments.store.database import DATABASE, Database, Stored, StoredTrial, reading, trials_in
 
 LOCK = ".lock"
 STUDY = "study.db"
 TABLE = "trials.csv"
 TRIALS, PRACTICE = "trials", "practice"
 SESSION = "ses-01"
-EMPTY_BYTES = 4096  # of a database without tables
 
 
 def session_folder(data_dir: Path, participant: str) -> Path:
@@ -37,19 +36,9 @@ def session_folder(data_dir: Path, participant: str) -> Path:
 
 
 def is_half_created(session: Path) -> bool:
-    """Whether a crash came before anything of the session was stored, so that there is nothing to keep."""
-    database = session / DATABASE
-    if not database.exists():
-        return True
-    if database.stat().st_size > EMPTY_BYTES:
-        return False
-    if (content := database.read_bytes()) and not content.startswith(b"SQLite format 3"):
-        return False
-    try:
-        with reading(session):
-            return False
-    except InputError:
-        return True
+    """Whether nothing of the session was stored, so that there is nothing to keep."""
+    database = session / DATABASE  # empty: the power failed in a study, which does not wait for the disk
+    return not database.exists() or not database.stat().st_size
 
 
 def remove_empty(session: Path) -> None:
@@ -126,14 +115,13 @@ def sessions_in(folder: Path) -> Sessions:
 
 def why_left_out(session: Path) -> str:
     """Why a session's folder is not the one in which it was recorded, or cannot be read; "": it is."""
-    if not (session / DATABASE).exists():
-        lost = any(session.glob("*/run-*.parquet"))
-        return f"its {DATABASE} is missing" if lost else ""
+    if is_half_created(session):
+        return f"its {DATABASE} is missing" if any(session.glob("*/run-*.parquet")) else ""
     try:
         with reading(session) as stored:
             own = f"sub-{participant_of(stored)}"
     except InputError as error:
-        return "" if is_half_created(session) else relative_to(session, str(error))
+        return relative_to(session, str(error))
     except OSError as error:
         return f"cannot be read ({error})"
     place = session.absolute()
@@ -163,30 +151,6 @@ def relative_to(folder: Path, sentence: str) -> str:
 # ----------------------------------------------------------------------------------------------- recordings and rows
 
 
-class StoredTrial(NamedTuple):
-    """A trial as the database has it."""
-
-    number: int
-    folder: str
-    run: int
-    about: str  # its `description`
-    outcome: str  # JSON; "": it has not ended
-    ticks: int  # once it has ended
-    bytes: int  # of its file
-    sha256: str  # of its file; "": its ticks are in the database
-
-    @property
-    def name(self) -> str:
-        """Of its file, in the folder of the session."""
-        return f"{self.folder}/run-{self.run:03d}.parquet"
-
-
-def trials_in(stored: Stored) -> Iterator[tuple[StoredTrial, bool]]:
-    """Every trial in the order in which they were begun, and whether it matches its checksum."""
-    for values, whole in stored.rows("trial"):
-        yield StoredTrial(*values), whole
-
-
 def stored_trials(session: Path, folder: str = TRIALS) -> list[StoredTrial]:
     """The trials of a session that have begun, by their runs."""
     with contextlib.suppress(FileNotFoundError), reading(session) as stored:
@@ -204,25 +168,15 @@ def recordings_in(session: Path) -> list[Path]:
     return [session / trial.name for trial in stored_trials(session) if trial.ticks or not trial.outcome]
 
 
-def missing_recordings(session: Path) -> list[Path]:
-    """The recordings of trials that are closed and whose files are missing, or of another size."""
-
-    def is_there(trial: StoredTrial) -> bool:
-        file = session / trial.name
-        return file.exists() and file.stat().st_size == trial.bytes
-
-    return [session / trial.name for trial in stored_trials(session) if trial.sha256 and not is_there(trial)]
-
-
 def lost_recordings(sessions: Sequence[Path]) -> list[str]:
-    """A sentence for each participant whose recordings are missing or cut."""
+    """A sentence for each participant some of whose closed trials have no file, or one of another size."""
     sentences = []
     for session in sessions:
-        if lost := missing_recordings(session):
-            are = "recordings" if len(lost) > 1 else "recording"
+        closed = {session / trial.name: trial.bytes for trial in stored_trials(session) if trial.sha256}
+        if lost := sum(not file.exists() or file.stat().st_size != size for file, size in closed.items()):
+            are, verb = ("recordings", "are") if lost > 1 else ("recording", "is")
             participant = session.parent.name.removeprefix("sub-")
-            verb = "are" if len(lost) > 1 else "is"
-            sentences.append(f"left out: {len(lost)} {are} of participant {participant} {verb} missing or cut")
+            sentences.append(f"left out: {lost} {are} of participant {participant} {verb} missing or cut")
     return sentences
 
 
@@ -251,16 +205,10 @@ def _cells(row: TrialRow) -> str:
 
 
 def write_session_table(session: Path, rows: Sequence[TrialRow], sync: bool = True) -> None:
-    """Write a session's trials.csv, from its rows."""
-    if rows:
-        write_table(session / TABLE, as_table(rows), replacing=True, sync=sync)
-
-
-def refresh_session_table(session: Path, rows: Sequence[TrialRow], sync: bool = True) -> None:
-    """Write it again if it is stale or was edited."""
-    table = session / TABLE
-    if not table.exists() or table.read_bytes() != table_bytes(as_table(rows)):
-        write_session_table(session, rows, sync)
+    """Write a session's trials.csv, from its rows, unless it is that already."""
+    table, content = session / TABLE, table_bytes(as_table(rows))
+    if rows and not (table.exists() and table.read_bytes() == content):
+        replace_file(table, content, sync)
 
 
 def pooled_rows(data_dir: Path) -> list[TrialRow]:

@@ -193,15 +193,10 @@ class JournalSummary:
     """What the journal of a session says about its trials."""
 
     session: Path
-    begun: dict[int, dict] = field(default_factory=dict)  # run -> the event
-    practice_begun: set[int] = field(default_factory=set)  # runs
-    skipped: dict[int, dict] = field(default_factory=dict)  # run -> the event
     marked: dict[int, str] = field(default_factory=dict)  # run -> its status since, "redone" or "excluded"
     postponed: list[int] = field(default_factory=list)  # runs, in the order in which that was asked for
     practised: Counter[str] = field(default_factory=Counter)  # configuration -> practice trials done or skipped
     key: dict[str, int] | None = None  # code -> controller, once the session is unblinded
-    plan_sha256: str = ""  # of the plan with which the session was created
-    agreed: bool | None = None  # the participant, to take part; None: not asked
     faults: list[str] = field(default_factory=list)  # why lines are not in it, as in `Journal`
     notes: list[str] = field(default_factory=list)  # as in `Journal`
 
@@ -212,7 +207,8 @@ class JournalSummary:
 
     def row(self, row: TrialRow) -> TrialRow:
         """A trial's row as it stands in the table: marked as redone or excluded, with its controller or code."""
-        row = unblinded(row, self.key) if self.key is not None else blinded(row)
+        if isinstance(row.controller, str):
+            row = unblinded(row, self.key) if self.key is not None else blinded(row)
         if row.controller_name is None:
             row = with_name(row, self.names)
         return replace(row, status=self.marked.get(row.run, row.status))
@@ -227,21 +223,11 @@ def journal_summary(session: Path) -> JournalSummary:
     journal = read_journal(session)
     found = JournalSummary(session, faults=journal.faults, notes=journal.notes)
     for event, _, about in journal.entries:
-        if event is BEGUN:
-            found.begun[about["run"]] = about
-        elif event is PRACTICE_BEGUN:
-            found.practice_begun.add(about["run"])
-        elif event is CREATED:
-            found.plan_sha256 = about["plan"]
-        elif event is CONSENT:
-            found.agreed = about["agreed"]
-        elif event is SKIPPED and about["block"]:
-            found.skipped[about["run"]] = about
-        elif event is REDONE or event is EXCLUDED:
+        if event is REDONE or event is EXCLUDED:
             found.marked[about["run"]] = event.name
         elif event is POSTPONED:
             found.postponed.append(about["run"])
-        elif event is SKIPPED or (event is PRACTICE_ENDED and about["status"] in COUNTED):
+        elif event is SKIPPED and not about["block"] or event is PRACTICE_ENDED and about["status"] in COUNTED:
             found.practised[about["configuration"]] += 1
         elif event is UNBLINDED:
             found.key = about["key"]
@@ -295,11 +281,6 @@ def exclusion_of(folder: Path, run: int) -> str:
     """The reason for which a run was excluded."""
     reasons = [about["reason"] for event, _, about in read_events(folder) if event is EXCLUDED and about["run"] == run]
     return reasons[-1] if reasons else "the journal does not give the reason"
-
-
-def rows_without_recording(session: Path, journal: JournalSummary) -> list[TrialRow]:
-    """Rows of trials that were skipped."""
-    return [journal.row(unmeasured_row(session, event, "skipped")) for event in journal.skipped.values()]
 
 
 def unmeasured_row(session: Path, event: Mapping[str, Any], status: str) -> TrialRow:

@@ -6,14 +6,13 @@ ended. One live process may write in a session.
 
 import contextlib
 import sys
-import uuid
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from core.control.controllers import Preset, decision_words, refuse_uncompilable
+from core.control.controllers import Preset, decision_words
 from core.files import InputError
 from core.own_consent import refuse_unallowed
 from core.simulator.simulated_device import SimulatedDevice
@@ -22,6 +21,7 @@ from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.trials_table import COUNTED, TrialRow, row_of
 from experiments.atomic_files import make_folders, reading_stored, reason_of, refusing, remove
 from experiments.inputs import MOUSE, OPERATOR, SENSOR, is_person
+from experiments.own_controller import refuse_unusable
 from experiments.plan import (
     PRACTICE_BLOCK,
     PlannedTrial,
@@ -39,12 +39,11 @@ from experiments.store.blind import new_key
 from experiments.store.cells import open_trials
 from experiments.store.consent import KEY as CONSENT
 from experiments.store.consent import ConsentAnswer, refuse_consent, refuse_without_consent
-from experiments.store.database import DATABASE, Database
+from experiments.store.database import DATABASE, Database, new_database
 from experiments.store.metadata import operators_from_json, preset_to_json, versions
-from experiments.store.reader import read_recording
-from experiments.store.settle import Repaired, close_trial, repair, rescue_places
+from experiments.store.recording import RecordingWriter, close_trial, read_recording
+from experiments.store.repair import Repaired, repair, rescue_places
 from experiments.store.stored import StoredSession, put_session, read_stored, stored_person
-from experiments.store.writer import RecordingWriter
 from experiments.trial.normals import normals
 from experiments.trial.operator import Person
 from experiments.trial.population import Operators
@@ -86,7 +85,7 @@ class Session:
             refuse_consent(protocol, who.label, who.consent)
         protocol.refuse_unknown_low_gain()
         own_metrics(protocol)  # InputError: its own measures cannot be used
-        refuse_uncompilable(protocol.controllers.values())
+        refuse_unusable(protocol.controllers.values())
         protocol.refuse_answers(who.form)
         is_blind = (protocol.blind and is_person(who.hand)) if blind is None else blind
         plan = make_plan(protocol, who.label, is_blind)
@@ -102,33 +101,26 @@ class Session:
                 raise
         try:
             files.refuse_existing(data_dir, who.label)  # another process was faster
-        except InputError:
-            self.lock.release()
-            raise
-        try:
             self._create(who, plan)
         except BaseException:
             self.lock.release()
-            for name in (DATABASE, files.LOCK):
+            if files.is_half_created(self.folder):
                 with contextlib.suppress(OSError):  # the first error is the one to report
-                    remove(self.folder / name)
-            files.remove_empty(self.folder)
+                    remove(self.folder / files.LOCK)
+                files.remove_empty(self.folder)
             raise
 
     def _create(self, who: Participant, plan: tuple[PlannedTrial, ...]) -> None:
         """Store everything about the session, in one commit."""
         self._key = new_key(self.protocol.controllers) if self.blind else {}
-        self._use(Database(self.folder, uuid.uuid4().hex, self._sync))
-        try:
-            about = self._about() | {"form": dict(who.form)} | ({CONSENT: who.consent._asdict()} if who.consent else {})
-            put_session(self.database, about, self.protocol, plan, self._key)
+        about = self._about() | {"form": dict(who.form)} | ({CONSENT: who.consent._asdict()} if who.consent else {})
+        with new_database(self.folder / DATABASE, self._sync) as new:
+            self._use(new)
+            put_session(new, about, self.protocol, plan, self._key)
             self.add_event(events.CREATED, plan=self.plan_sha256)
             if who.consent:
                 self.add_event(events.CONSENT, agreed=who.consent.agreed, answered=who.consent.time)
-            self.database.commit()
-        except BaseException:
-            self.database.disconnect()
-            raise
+        self._use(Database(self.folder, self._sync))
 
     @classmethod
     def resume(cls, data_dir: Path, participant: str, sync: bool = True, on_event: OnEvent | None = None) -> Self:
@@ -148,13 +140,13 @@ class Session:
         refuse_without_consent(folder, stored.protocol, stored.about)
         for name, own in stored.protocol.code.items():
             refuse_unallowed(f"{folder}: {name}", own.text)
-        refuse_uncompilable(stored.protocol.controllers.values())
+        refuse_unusable(stored.protocol.controllers.values())
         with reading_stored(folder / DATABASE):
             who = Participant(participant, stored.about["hand"], operator, operators_from_json(stored.about))
             session._init_common(data_dir, who, stored.protocol, sync, on_event)
         session.lock = files.hold_lock(folder)
         try:
-            session._use(Database(folder, sync=sync))
+            session._use(Database(folder, sync))
             session._go_on_from(stored)
         except BaseException:
             session.lock.release()
@@ -165,8 +157,6 @@ class Session:
         try:
             self._repair()
             self.plan, self.plan_sha256 = self._summary.plan(stored.plan), plan_hash(stored.plan)
-            if unknown := set((self._summary.key or {}).values()) - set(self.protocol.controllers):
-                raise InputError(f"{self.database.path}: unblinded: there is no controller {min(unknown)}")
             self.blind = stored.about["blind"] and self._summary.key is None
             self._key = stored.key if self.blind else self._summary.key or {}
             if self._waiting:
@@ -184,7 +174,6 @@ class Session:
         self.folder = files.session_folder(data_dir, who.label)
         self.rows: list[TrialRow] = []
         self._runs = {files.TRIALS: set[int](), files.PRACTICE: set[int]()}  # that were begun
-        self._closed: dict[int, TrialRow] = {}  # number of a trial that was closed here -> its row
         self.repaired = Repaired()  # what was put right as it was opened
         self._key = {}  # code -> controller
         self._summary = events.JournalSummary(self.folder)
@@ -196,7 +185,8 @@ class Session:
 
     def _repair(self) -> None:
         """Put right what a crash, or a disk that took no more, has left; then read journal and rows. OSError."""
-        self.repaired = repair(self.folder, self.database, events.journal_summary(self.folder), self._sync)
+        self._summary = events.journal_summary(self.folder)
+        self.repaired = repair(self.folder, self.database, self._summary, self._sync)
         if self.repaired.is_something:
             done = self.repaired
             self.add_event(
@@ -204,11 +194,10 @@ class Session:
                 not_repaired=done.not_repaired,
             )  # fmt: skip
             self.database.commit()
-        self._summary = events.journal_summary(self.folder)
         self.rows = files.rows_of(self.folder)
         for folder, runs in self._runs.items():
             runs.update(files.runs_used(self.folder, folder))
-        files.refresh_session_table(self.folder, self.rows, self._sync)
+        files.write_session_table(self.folder, self.rows, self._sync)
 
     def close(self) -> None:
         """Write what is in memory, and release the lock. OSError: it cannot be written, and the session stays open."""
@@ -373,37 +362,28 @@ class Session:
         cut_short: the experimenter did not end the trial: it is "stopped", and its cell comes again. OSError: the disk
         takes no more; what is missing is in memory, and the same call goes on from there.
         """
-        row = self._closed.get(writer.trial)
-        if row is None:
+        if writer.recording is None:
             outcome = trial.outcome()
             if cut_short and outcome["status"] == "aborted":
                 outcome["status"] = "stopped"
-            writer.close(outcome)
+            ended = writer.close(outcome)
             self.database.commit()
-            recording = close_trial(self.folder, self.database, writer.trial, self._sync)
-            row = self._summary.row(row_of(recording, self.folder))
-            self._add_ended(row, outcome["reason"], trial.planned.block == PRACTICE_BLOCK)
-            self._closed[writer.trial] = row
+            writer.recording = close_trial(self.database, ended, self._sync)
+        if writer.row is None:
+            row = writer.row = self._summary.row(row_of(writer.recording, self.folder))
+            about = {"run": row.run, "status": row.status, "reason": writer.recording.outcome["reason"]}
+            if trial.planned.block == PRACTICE_BLOCK:
+                self.add_event(events.PRACTICE_ENDED, **about, configuration=row.configuration)
+                self._summary.practised[row.configuration] += row.status in COUNTED
+            else:
+                self.add_event(events.ENDED, **about)
+                self._add_row(row)
         self._store_rows()
-        return row
-
-    def _add_ended(self, row: TrialRow, reason: str, is_practice: bool) -> None:
-        ended = {"run": row.run, "status": row.status, "reason": reason}
-        if is_practice:
-            self.add_event(events.PRACTICE_ENDED, **ended, configuration=row.configuration)
-            self._summary.practised[row.configuration] += row.status in COUNTED
-        else:
-            self.add_event(events.ENDED, **ended)
-            self._add_row(row)
+        return writer.row
 
     def rescue(self, writer: RecordingWriter) -> None:
         """Close a trial whose loop was lost, with all its ticks, as recovered. OSError: as `finish`."""
         writer.flush()
-        self.go_on()
-
-    def go_on(self) -> None:
-        """Write what the disk had refused, while no trial runs. OSError: it still does."""
-        self.database.commit()
         self._repair()
 
     # -------------------------------------------------------------------------------------------- a folder that is gone

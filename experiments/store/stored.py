@@ -79,21 +79,26 @@ def put_file(database: Database, name: str, text: str) -> None:
 
 def files_in(stored: Stored) -> dict[str, str]:
     """Name -> text of the files. InputError: one was changed."""
-    texts = {}
-    for name, digest, text in stored.whole_rows("file"):
-        if hashlib.sha256(text.encode()).hexdigest() != digest:
-            raise InputError(f"{stored.path}: {name}: does not match its SHA-256, it was changed")
-        texts[name] = text
-    return texts
+    return {name: text for name, _, text in stored.whole_rows("file")}
 
 
 def protocol_in(stored: Stored, about: dict[str, Any]) -> Protocol:
     """The protocol, from `about_in`, whose entry it completes."""
-    texts = files_in(stored)
     with reading_stored(stored.path):
-        for name, place, key in _texts_of(about["protocol"]):
-            place[key] = texts[name]
-        return protocol_from_json(about["protocol"], str(stored.path))
+        return protocol_from_json(_with_texts(stored, about), str(stored.path))
+
+
+def protocol_texts(session: Path) -> dict[str, Any]:
+    """The protocol of a session as JSON, with its files in full; for comparing. InputError: it cannot be read."""
+    with reading_stored(session / DATABASE), reading(session) as stored:
+        return _with_texts(stored, about_in(stored))
+
+
+def _with_texts(stored: Stored, about: dict[str, Any]) -> dict[str, Any]:
+    protocol, texts = about["protocol"], files_in(stored)
+    for name, place, key in _texts_of(protocol):
+        place[key] = texts[name]
+    return dict(protocol)
 
 
 def _texts_of(protocol: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], str]]:
@@ -166,16 +171,6 @@ def controller_names(session: Path) -> dict[int, str]:
     with contextlib.suppress(InputError):
         return {number: preset.name for number, preset in read_stored(session).protocol.controllers.items()}
     return {}
-
-
-def protocol_texts(session: Path) -> dict[str, Any]:
-    """The protocol of a session as JSON, with its files in full; for comparing. InputError: it cannot be read."""
-    with reading_stored(session / DATABASE), reading(session) as stored:
-        about = about_in(stored)
-        texts = files_in(stored)
-        for name, place, key in _texts_of(about["protocol"]):
-            place[key] = texts[name]
-        return dict(about["protocol"])
 
 
 def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:

@@ -1,15 +1,14 @@
 """What a study was begun with, and its sessions: DATA/study.db, a database like that of a session."""
 
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from core.files import InputError
-from experiments.atomic_files import partial_name, reading_stored, refusing, remove, rename, sync_folder
+from experiments.atomic_files import reading_stored, refusing
 from experiments.protocol import Protocol
-from experiments.store.database import Database, reading
+from experiments.store.database import Database, new_database, reading
 from experiments.store.files import STUDY, sessions_in
 from experiments.store.stored import about_in, files_in, protocol_in, put_about, put_file, put_protocol
 from experiments.trial.population import Population, population_of
@@ -28,15 +27,10 @@ class StudyPlan:
 
 def write_study(folder: Path, study: StudyPlan) -> None:
     """Store a new study. OSError if it cannot be written."""
-    partial = partial_name(folder / STUDY)
-    remove(partial)  # left by a crash
-    identity = uuid.uuid4().hex
-    with refusing(folder / STUDY, "cannot be written"), Database(folder, identity, name=partial.name) as database:
+    with refusing(folder / STUDY, "cannot be written"), new_database(folder / STUDY) as database:
         put_about(database, {"operators": study.operators, "population": study.population.name, "sessions": {}})
         put_file(database, POPULATION, study.population.text)
         put_protocol(database, study.protocol)
-    rename(partial, folder / STUDY)
-    sync_folder(folder)
 
 
 def note_sessions(folder: Path) -> None:

@@ -10,16 +10,13 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, as_table, table_bytes
-from experiments.inputs import is_person
-from experiments.plan import plan_hash
 from experiments.progress import Progress, no_progress
 from experiments.store import files
 from experiments.store.consent import agreed
-from experiments.store.database import DATABASE, Stored, reading
-from experiments.store.files import StoredTrial, trials_in
-from experiments.store.journal import BEGUN, journal_summary, read_events
-from experiments.store.reader import batches, fault_of_file, read_trial
-from experiments.store.settle import RECOVERED
+from experiments.store.database import DATABASE, Stored, StoredTrial, reading, trials_in
+from experiments.store.journal import read_journal
+from experiments.store.recording import batches, fault_of_file, read_trial
+from experiments.store.repair import RECOVERED
 from experiments.store.stored import read_stored, stored_person
 from experiments.store.study_plan import identities_in, read_sessions, read_study
 
@@ -71,29 +68,17 @@ class _Found:
                 self.faults += [(database, fault) for fault in (*stored.broken_pages(), *stored.faults().values())]
                 for trial, whole in trials_in(stored):
                     self._check_trial(stored, trial, whole, live, inside)
-            self._check_stored(session, database)
-            self._check_rows(session, inside, live)
+            said = read_stored(session)
+            stored_person(session, said)
+            if agreed(said.about) is False:
+                self.notes.append((database, "the participant declined to take part"))
+            journal = read_journal(session)
+            self.faults += [(database, fault) for fault in journal.faults if (database, fault) not in self.faults]
+            self.notes += [(database, note) for note in journal.notes]
+            if not live:
+                self._check_rows(session, inside)
         except (InputError, OSError) as error:
             self.faults.append((database, files.relative_to(session, str(error))))
-
-    def _check_stored(self, session: Path, database: str) -> None:
-        """What is said of the session, the answer to its question, the plan, and the journal."""
-        stored = read_stored(session)
-        stored_person(session, stored)
-        asked, answer = stored.protocol.consent is not None and is_person(stored.about["hand"]), agreed(stored.about)
-        if asked and answer is None:
-            raise InputError("the participant was not asked for the consent that the protocol wants")
-        if asked and not answer and files.runs_used(session):
-            raise InputError("there are recordings of a participant who declined to take part")
-        if asked and not answer:
-            self.notes.append((database, "the participant declined to take part"))
-        summary = journal_summary(session)
-        self.faults += [(database, fault) for fault in summary.faults if (database, fault) not in self.faults]
-        self.notes += [(database, note) for note in summary.notes]
-        if summary.plan_sha256 != plan_hash(stored.plan):
-            self.faults.append((database, "the journal is of another plan"))
-        if summary.key is not None and stored.key != summary.key:
-            self.faults.append((database, "blind_key: is not the key with which the session was opened"))
 
     def _check_trial(self, stored: Stored, trial: StoredTrial, whole: bool, live: bool, inside: str) -> None:
         name, path = f"{inside}{trial.name}", stored.path.parent / trial.name
@@ -114,21 +99,14 @@ class _Found:
         elif trial.ticks or not trial.outcome:
             self.faults.append((name, "cut off before its end; it is closed when the session is opened"))
 
-    def _check_rows(self, session: Path, inside: str, live: bool) -> None:
+    def _check_rows(self, session: Path, inside: str) -> None:
         rows = files.rows_of(session)
-        of_runs = [row.run for row in rows]
-        closed = [trial for trial in files.stored_trials(session) if trial.sha256]
-        for trial in closed:
-            if trial.run not in of_runs and not live:
+        with_row = {row.run for row in rows}
+        for trial in files.stored_trials(session):
+            if trial.sha256 and trial.run not in with_row:
                 self.faults.append((f"{inside}{trial.name}", "has no row; it gets one when the session is opened"))
-        begun = {entry.about["run"] for entry in read_events(session) if entry.event is BEGUN}
-        self.faults += [
-            (f"{inside}{DATABASE}", f"the journal does not know run {trial.run}")
-            for trial in closed if trial.run not in begun
-        ]  # fmt: skip
-        if not live:
-            made = "it is made again at the end of the next trial, or when the session is opened"
-            self.faults += _faults_of_table(session / files.TABLE, rows, f"{inside}{files.TABLE}", made)
+        made = "it is made again at the end of the next trial, or when the session is opened"
+        self.faults += _faults_of_table(session / files.TABLE, rows, f"{inside}{files.TABLE}", made)
 
 
 def _faults_of_study(folder: Path, live: bool) -> Faults:

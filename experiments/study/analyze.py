@@ -56,10 +56,10 @@ from experiments.store.journal import (
     JournalSummary,
     JournalWriter,
     journal_summary,
-    rows_without_recording,
 )
 from experiments.store.metadata import operators_from_json, preset_from_json
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
+from experiments.store.repair import RECOVERED
 from experiments.store.stored import read_stored
 from experiments.study.gap_reading import gap_otherwise_in
 from experiments.study.unrecorded import errors_in
@@ -142,7 +142,7 @@ def analyze(
                 rows += read_one(path, folder, out, (journal, stored), found)
                 done += 1
                 progress(done / recordings)
-            rows += rows_without_recording(session, journal)
+            rows += [journal.row(row) for row in stored.values() if not row.recording and row.status != RECOVERED]
             found.rows += sorted(rows, key=lambda row: row.run)
         write_table(out / "trials.csv", as_table(found.rows))
         warned = conclude(folder, out, found, timeouts, purpose) if found.rows else []

@@ -42,7 +42,7 @@ from experiments.plan import PlannedTrial
 from experiments.progress import Progress
 from experiments.recording import Recording
 from experiments.store.journal import journal_summary
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.stored import StoredSession, read_stored, refuse_trial
 from experiments.trial.trial import Conditions, SimulatedTrial
 

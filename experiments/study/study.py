@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from core import tick_log
-from core.control.controllers import refuse_uncompilable
 from core.files import InputError
 from core.tick_log import TICK_S
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
@@ -23,14 +22,15 @@ from experiments.analysis.simulation_errors import Moved
 from experiments.analysis.trials_table import COUNTED, StudyData, Trials, without_value
 from experiments.atomic_files import is_wrong_path, make_empty_folder, new_folders
 from experiments.numbers import in_words
+from experiments.own_controller import refuse_unusable
 from experiments.plan import PlannedTrial, make_plan
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.store.files import LOCK, STUDY, hold_lock, is_half_created, session_folder, write_pooled_table
 from experiments.store.journal import TRIAL_CUT_OFF
+from experiments.store.recording import RecordingWriter
 from experiments.store.session import Participant, Session
 from experiments.store.study_plan import StudyPlan, note_sessions, read_study, refuse_other, write_study
-from experiments.store.writer import RecordingWriter
 from experiments.study.gap_reading import gap_read_otherwise
 from experiments.study.helpers import Helpers, Shared, helpers, shared_in_helper
 from experiments.study.jobs import going_on
@@ -62,7 +62,7 @@ def run_study(
     out = Path(out)
     refuse_too_many(out, operators, protocol)
     own_metrics(protocol)  # InputError: its own measures cannot be used
-    refuse_uncompilable(protocol.controllers.values())
+    refuse_unusable(protocol.controllers.values())
     make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
     load_kernels()  # no clock runs while they are compiled
     with helpers(operators) as workers, hold_lock(out):

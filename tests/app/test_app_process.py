@@ -29,7 +29,7 @@ from app.window.run.trial_card import NO_FLAGS
 from app.window.widgets.page import RUN
 from app.window.windows import Windows
 from core import tick_log
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from tests.support.rows import read_rows
 
 wait_until = partial(waiting.wait_until, pause=lambda: QTest.qWait(10))

@@ -18,7 +18,7 @@ from experiments.store.cells import cell
 from experiments.store.database import DATABASE
 from experiments.store.files import write_pooled_table
 from experiments.store.journal import KEY_OPENED, UNBLINDED, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.store.stored import read_stored
 from experiments.store.verify import verify

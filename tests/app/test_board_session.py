@@ -14,7 +14,7 @@ from simulated_loop import LocalWindow, local_window
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus, Setup
 from experiments.store.journal import HOMED, ZEROED, read_journal
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from hardware.emulated_board.device import HeldHand
 from hardware.wire.messages import State
 

@@ -32,7 +32,7 @@ def assert_stopped_cleanly(folder, error):
     return len(rows)
 
 
-@pytest.mark.parametrize("room", (12, 15, 18))
+@pytest.mark.parametrize("room", (16, 19, 22))
 def test_a_study_on_a_disk_that_fills_up_ends_its_trial_and_says_so(begin, tmp_path, monkeypatch, capsys, room):
     """room: commits and files that it takes; a trial has about ten."""
     out = tmp_path / "study"

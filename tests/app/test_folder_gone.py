@@ -31,8 +31,8 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
 @pytest.fixture
 def window(tmp_path: Path, disk: Disk, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalWindow]:
     monkeypatch.setattr(storage_module, "RETRY_S", 0.0)
-    monkeypatch.setattr("experiments.store.writer.COMMIT_S", 0.0)  # the time of the trial is simulated
-    monkeypatch.setattr("experiments.store.writer.RETRY_S", 0.0)
+    monkeypatch.setattr("experiments.store.recording.COMMIT_S", 0.0)  # the time of the trial is simulated
+    monkeypatch.setattr("experiments.store.recording.RETRY_S", 0.0)
     with local_window(Setup(tmp_path / "data", sync=False, hand=OPERATOR)) as opened:
         opened.open()
         yield opened
@@ -117,18 +117,6 @@ def test_a_folder_of_another_session_in_the_place_of_ours_is_not_written_to(wind
     window.client.send(m.Leave())
     window.look()
     assert window.snapshot.in_memory == "1 line of the journal" and files(session) == before
-
-
-def test_a_session_on_a_full_disk_goes_on_once_it_has_room(window, tmp_path, disk):
-    done(window)
-    begun = begin(window)
-    disk.refuses = full
-    said = window.until(lambda s: s.stage == m.READY)
-    assert "No space left" in said.notice and "Make room" in said.notice and f"trial {begun}" in said.in_memory
-    assert "No space left" in refused(window, m.Start())
-    disk.refuses = None
-    said = window.until(lambda s: not s.not_written)
-    assert [row.status for row in said.rows] == ["done", "done"] and verify(tmp_path / "data")["faults"] == []
 
 
 def test_a_disk_that_is_well_again_in_mid_trial_is_said_to_be(window, disk):

@@ -15,7 +15,7 @@ from waiting import wait_until
 from app.ipc import messages as m
 from core import tick_log
 from experiments.store.journal import ZEROED, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from app.session_server.server import take_folder
 from core import tick_log
 from experiments.store.cells import cell
 from experiments.store.journal import ENDED, WINDOW_LOST, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.verify import verify
 

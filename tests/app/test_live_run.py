@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from numba import typeof
+from recorded import new_session_database
 from waiting import LONG_S, wait_until
 
 from app.ipc.messages import CheckTiming, RunTrial, TimingChecked
@@ -23,9 +24,8 @@ from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.store.database import Database
 from experiments.store.journal import NOTE, JournalWriter, read_events
-from experiments.store.writer import RecordingWriter, Written
+from experiments.store.recording import RecordingWriter, Written
 from experiments.trial.operator import Person
 from experiments.trial.population import load_population
 from experiments.trial.trial import Conditions, SimulatedTrial, Trial
@@ -172,7 +172,7 @@ def test_a_trial_that_has_ended_stays_what_it_is_whatever_is_pressed_then(loop) 
 
 
 def test_an_event_of_a_running_trial_is_on_the_disk_before_the_next_tick_is_due_there(tmp_path: Path) -> None:
-    database = Database(tmp_path, "1" * 32)
+    database = new_session_database(tmp_path)
     recorder = Recorder(Ring(ticks=SMALL), RecordingWriter(database, ("trials", 1), "A", {}))
     JournalWriter(database).write(NOTE, text="the lamp flickers")
     wait_until(lambda: not database.pending)

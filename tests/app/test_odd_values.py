@@ -14,10 +14,9 @@ from app.cli import main
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
 from experiments.export.results import read_results
-from experiments.store.database import DATABASE, Database, reading
-from experiments.store.files import trials_in
+from experiments.store.database import DATABASE, Database, reading, trials_in
 from experiments.store.overview import scan_folder
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.stored import about_in, put_about
 

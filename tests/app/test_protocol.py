@@ -247,7 +247,7 @@ def test_a_study_runs_a_protocol_of_curves_and_does_not_test_the_papers_statemen
 def test_times_and_radii_of_a_protocol_are_those_of_its_trials(tmp_path):
     from sessions import new_session, run_trials
 
-    from experiments.store.reader import read_recording
+    from experiments.store.recording import read_recording
 
     text = short(paths=1).text.replace("hold_s = 0.5", "hold_s = 0.25").replace("end_s = 0.3 ", "end_s = 0.1 ")
     session = new_session(tmp_path, protocol=protocol_of(text))

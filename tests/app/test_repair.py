@@ -11,12 +11,12 @@ from protocols import short
 from sessions import Killed, crash_in_trial, files, kill, killing, new_session, of, run, run_trials, session_of
 
 from app.cli import main
-from experiments.store import settle
+from experiments.store import recording, repair
 from experiments.store.cells import cell
 from experiments.store.database import DATABASE
-from experiments.store.files import hold_lock, rows_of
+from experiments.store.files import rows_of
 from experiments.store.journal import REPAIRED, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.stored import read_stored
 from tests.support.rows import read_rows
@@ -102,15 +102,18 @@ def test_a_trial_that_had_ended_before_the_crash_counts_as_it_ended(tmp_path):
     assert (tmp_path / "killed" / table).read_bytes() == (tmp_path / "not" / table).read_bytes()
 
 
-STEPS = ("write_parquet", "sync_file", "retry_while_locked", "row_of", "add_row", "close_trial")
+STEPS = {
+    **dict.fromkeys(("write_parquet", "sync_file", "retry_while_locked", "sync_folder"), recording),
+    **dict.fromkeys(("row_of", "add_row", "close_trial"), repair),
+}
 
 
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_a_crash_while_a_trial_is_closed_is_put_right(data, monkeypatch, step, when):
-    death = killing(operator.attrgetter(step)(settle) if when == "after" else None)
+    death = killing(operator.attrgetter(step)(STEPS[step]) if when == "after" else None)
     with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr(settle, step, death)
+        patch.setattr(STEPS[step], step, death)
         Session.resume(data, "01")
     opened(data)
     rows = read_rows(of(data) / "trials.csv")
@@ -130,13 +133,6 @@ def test_a_table_that_is_lost_or_spoilt_is_made_again(data):
     table.unlink()
     opened(data)
     assert table.read_bytes() == right and found(data) == {}
-
-
-def test_a_session_that_a_live_process_holds_is_refused_and_not_touched(data):
-    before = files(data)
-    with hold_lock(of(data)), pytest.raises(Exception, match="is using this folder"):
-        opened(data)
-    assert files(data) == before
 
 
 def test_opening_a_session_that_is_complete_touches_nothing(tmp_path):

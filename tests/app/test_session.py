@@ -14,7 +14,7 @@ from experiments.store.cells import cell
 from experiments.store.database import Database
 from experiments.store.files import free_participant, rows_of, write_pooled_table
 from experiments.store.journal import EXCLUDED, NOTE, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.store.verify import verify
 from experiments.study.analyze import analyze

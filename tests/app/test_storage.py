@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from damage import edited
 from disks import Disk, full, locked
 from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
@@ -21,12 +22,12 @@ from app.session_server.device_setup import SimulatedSetup
 from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import stage_of
-from app.session_server.storage import Storage
+from app.session_server.storage import RETRY_S, Storage
 from experiments.inputs import MOUSE
 from experiments.store.cells import cell
 from experiments.store.files import rows_of
 from experiments.store.journal import ANSWERS, BREAK_ENDED, CLOCK_JUMPED, ENDED, NOTE, read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.verify import verify
 
@@ -135,6 +136,45 @@ def test_what_the_disk_never_takes_is_put_elsewhere_and_taken_as_the_session_is_
     else:
         assert "are lost" in left
     in_order(again)
+
+
+@pytest.mark.parametrize("spoilt", [True, False])
+def test_what_was_put_elsewhere_is_not_taken_if_it_was_changed_or_comes_too_late(
+    storage, session, disk, monkeypatch, tmp_path, spoilt
+):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    storage.store_trial(Ended(session, ticks=500, full_disk=disk))
+    storage.write(NOTE, text="the lamp flickers")
+    disk.only_folder = session.folder
+    assert "they are in" in storage.end()
+    disk.refuses = None
+    (place,) = (tmp_path / "home" / "phd-rescued").iterdir()
+    if spoilt:
+        with edited(place) as db:
+            db.execute("UPDATE ticks SET count = count + 1 WHERE number = 1")
+    else:
+        place.rename(tmp_path / "later")
+        with_more = Session.resume(session.data_dir, "01", sync=False)
+        with_more.note("without it")
+        with_more.close()
+        (tmp_path / "later").rename(place)
+    again = Session.resume(session.data_dir, "01", sync=False)
+    says = "ticks 1: does not match its checksum" if spoilt else "the session went on without what is in it"
+    assert says in again.repaired.sentence() and place.exists() and again.repaired.ticks_kept_elsewhere == 0
+    again.close()
+
+
+def test_a_disk_that_has_room_again_is_tried_within_seconds(storage, session, disk, monkeypatch):
+    monkeypatch.setattr(storage_module, "RETRY_S", RETRY_S)
+    disk.refuses = full
+    storage.write(NOTE, text="one")
+    disk.refuses = None
+    storage.retry()
+    assert storage.not_written, "not at each look"
+    began = time.perf_counter()
+    monkeypatch.setattr(storage_module.time, "perf_counter", lambda: began + 6.0)
+    storage.retry()
+    assert not storage.not_written
 
 
 @pytest.mark.parametrize(("refuses", "why"), [(full, "no space left"), (locked, "permission denied")])

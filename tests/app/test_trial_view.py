@@ -22,8 +22,8 @@ from core import tick_log
 from core.device import load_device
 from core.files import InputError
 from core.mechanism import JOINTS
-from experiments.store.playback import read_playback, ticks_of
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
+from experiments.study.playback import read_playback, ticks_of
 from experiments.study.replay import Replacement, replay
 
 THREE = load_device("three-brake")
@@ -60,7 +60,7 @@ def view(window: TrialWindow) -> TrialView:
 
 def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path, rows: np.ndarray) -> None:
     rows[:, tick_log.STUCK] = np.arange(len(rows)) % 8  # three brakes
-    back = ticks_of(read_recording(recorded(tmp_path, rows)), ALONG)
+    back = ticks_of(read_recording(recorded(tmp_path, rows)))
     unbraked = [tick_log.CURRENT + 3, tick_log.TORQUE + 3]
     kept = [i for i in range(tick_log.WIDTH) if i not in unbraked]
     assert np.array_equal(back[:, kept], rows[:, kept], equal_nan=True)

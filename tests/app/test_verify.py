@@ -9,7 +9,7 @@ import pytest
 from damage import edited, found, make_whole
 from disks import flip_a_bit
 from refusals import refusal
-from sessions import crash_in_trial, files, new_session, run, session_of
+from sessions import files, new_session, run
 
 from app.cli import main
 from core.files import InputError
@@ -154,6 +154,8 @@ def test_lost_and_damaged_recordings_are_named_with_their_participant(data, tmp_
     for summary in (analyze(data, tmp_path / "a"), export(data, {"csv": tmp_path / "csv"})):
         assert lost in summary["warnings"]
         assert sum("run-001" in entry or "run-002" in entry for entry in summary["left_out"]) == 2
+    (data / ONE).write_bytes((data / ONE).read_bytes()[:-9])
+    assert "left out: 2 recordings of participant 01 are missing or cut" in read_results(data).problems
 
 
 def test_a_trial_in_progress_is_no_fault_while_its_process_lives(tmp_path):
@@ -164,16 +166,3 @@ def test_a_trial_in_progress_is_no_fault_while_its_process_lives(tmp_path):
     assert seen["faults"] == [] and seen["in_progress"] == 1 and seen["in_use"] == 1
     session.close()  # as the end of the process would
     assert "cut off" in found(tmp_path)["sub-01/ses-01/trials/run-001.parquet"][0]
-
-
-def test_damaged_ticks_of_a_trial_that_was_cut_off_are_named(tmp_path):
-    path = crash_in_trial(new_session(tmp_path), ticks=3000)
-    with edited(tmp_path / SESSION / DATABASE) as db:
-        db.execute("UPDATE ticks SET columns = zeroblob(100) WHERE number = 3")
-    assert "some do not match their checksum" in found(tmp_path)[path.relative_to(tmp_path).as_posix()][0]
-
-
-def test_a_session_without_a_trial_is_whole(tmp_path):
-    with session_of(tmp_path, 0):
-        pass
-    assert verify(tmp_path)["faults"] == []

@@ -20,7 +20,7 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from experiments.store.cells import cell
 from experiments.store.overview import scan_folder
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.verify import verify
 from tests.support.rows import read_rows
 

@@ -14,7 +14,7 @@ from sessions import crash_in_trial, files, session_of
 from app.cli import main
 from experiments.store import session as sessions
 from experiments.store.files import pooled_rows, write_pooled_table
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.verify import verify
 from experiments.study.analyze import Found, analyze, changed_boxes

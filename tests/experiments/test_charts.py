@@ -33,9 +33,9 @@ from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import lateness_causes, session_lines, write_results
 from experiments.store.cells import trial_names
-from experiments.store.playback import device_of, read_playback
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
+from experiments.study.playback import device_of, read_playback
 from tests.support.rows import put_session, with_measures, write_rows
 
 DEVICES = ("three-brake", "four-brake")

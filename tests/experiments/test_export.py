@@ -27,7 +27,7 @@ from experiments.export.files import recording_column
 from experiments.recording import Sensors, recording_columns
 from experiments.store.database import Database
 from experiments.store.files import add_row, pooled_rows, put_row, rows_of
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.store.stored import put_about
 from tests.support.rows import read_rows

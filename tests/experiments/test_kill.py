@@ -24,12 +24,14 @@ from experiments.analysis.trials_table import COUNTED
 from experiments.recording import Recording
 from experiments.store.cells import cell, open_trials
 from experiments.store.files import STUDY, is_half_created, recordings_in, rows_of
-from experiments.store.journal import journal_summary, read_events
-from experiments.store.reader import read_recording
+from experiments.store.journal import BEGUN, journal_summary, read_events
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.stored import read_stored
 from experiments.store.verify import verify
 from tests.support.rows import read_rows
+
+TRIALS = 10  # of a study
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the processes to kill are forks")
 
@@ -63,7 +65,8 @@ def check_after_kill(folder: Path, reference: Path | None) -> None:
     rows = {row.run: row for row in rows_of(session)}
     assert list(rows.values())[: len(rows_before)] == rows_before, "a row that was there has changed"
     assert read_events(session)[: len(events_before)] == events_before, "an event that was there has changed"
-    assert set(journal_summary(session).begun) <= set(rows), "a trial that was begun has no row"
+    begun = {entry.about["run"] for entry in read_events(session) if entry.event is BEGUN}
+    assert begun <= set(rows), "a trial that was begun has no row"
     for path, recording in before.items():
         kept = read_recording(path)
         assert kept.whole and kept.rows == recording.rows
@@ -89,7 +92,7 @@ def check_complete(folder: Path) -> None:
 def trials_open(folder: Path) -> int:
     """How many trials of the plan are not settled."""
     session = folder / "sub-01" / "ses-01"
-    return len(open_trials(read_stored(session).plan, rows_of(session))) if not is_half_created(session) else 20
+    return len(open_trials(read_stored(session).plan, rows_of(session))) if not is_half_created(session) else TRIALS
 
 
 def trials_s(folder: Path) -> float:
@@ -103,7 +106,7 @@ def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed:
     some while the figures are drawn."""
     generator = np.random.default_rng(seed)
     seen: Counter = Counter()
-    chain, trial_s = 0, trials_s(reference) / 20
+    chain, trial_s = 0, trials_s(reference) / TRIALS
     while seen["kills"] < kills:
         folder, fresh = place / f"study-{chain}", True
         chain += 1
@@ -129,8 +132,8 @@ def kill_studies(phd: KilledPhd, place: Path, kills: int, reference: Path, seed:
 
 @pytest.fixture(scope="module")
 def phd():
-    """A phd whose studies have 20 trials."""
-    killed = KilledPhd(blocks=1)
+    """A phd whose studies have 10 trials."""
+    killed = KilledPhd()
     yield killed
     killed.close()
 
@@ -149,7 +152,7 @@ def test_a_killed_study_loses_nothing_and_goes_on(phd, reference, tmp_path):
 
 
 if __name__ == "__main__":
-    count, server = int(sys.argv[1]), KilledPhd(blocks=1)
+    count, server = int(sys.argv[1]), KilledPhd()
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name) / "reference"
         server.run(250.0, phd=[*server.study, "--out", str(whole)])

@@ -34,7 +34,7 @@ from experiments.analysis.movement import (
 from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
 from experiments.recording import Recording, Sensors, recording_of
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 USE_SDOF = control.DECISIONS.index("sdof A")

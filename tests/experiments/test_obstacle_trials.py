@@ -11,7 +11,7 @@ from core.files import InputError
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
 from core.path import Arc, Segment, build_path, point_at
 from experiments.protocol import SHIPPED_FOLDER, load_protocol
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.study.replay import replay
 from experiments.study.study import run_study
 from experiments.trial.detour import CLEAR_M, from_obstacle, way_round

@@ -20,7 +20,7 @@ from experiments.plan import PlannedTrial
 from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
 from experiments.protocol_writer import protocol_text, save_protocol
 from experiments.store.metadata import preset_from_json
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay

@@ -23,7 +23,7 @@ from experiments.export.export import export
 from experiments.export.results import read_results
 from experiments.protocol import load_protocol
 from experiments.store.blind import blinded
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.verify import verify
 from experiments.study.analyze import analyze
 from experiments.study.power import measure_of

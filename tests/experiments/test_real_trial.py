@@ -16,7 +16,7 @@ from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import trial_metrics
 from experiments.plan import PlannedTrial
 from experiments.recording import Sensors
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.study.replay import check_decisions
 from experiments.trial.trial import Conditions, SimulatedTrial
 

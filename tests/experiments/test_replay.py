@@ -18,7 +18,7 @@ from app.cli import main
 from core.device import load_device
 from experiments.analysis.movement import Movement
 from experiments.recording import recording_columns
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.study.replay import A_PERSON_WOULD_REACT, Replacement, replay
 from experiments.study.replay_motion import HAND_ENDED, play_after, read_recorded

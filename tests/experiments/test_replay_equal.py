@@ -17,7 +17,7 @@ from sessions import closed_session, crash_in_trial, move_to_the_end, new_sessio
 from app.cli import main
 from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice, ledger_warnings
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.study.replay import OTHER_VERSION, Replacement, replay
 

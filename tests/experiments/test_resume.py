@@ -216,9 +216,9 @@ def test_an_older_devices_file_stays_that_of_the_study(interrupted):
     study = read_study(interrupted)
     about = protocol_to_json(study.protocol)
     about["devices"][0]["file"] = about["devices"][0]["file"].replace("tip_kg = 0.5", "tip_kg = 0.6")
-    (interrupted / "study.db").unlink()
-    write_study(interrupted, replace(study, protocol=protocol_from_json(about, "test")))
-    shutil.rmtree(interrupted / "sub-01")
+    for gone in ("sub-01", "sub-02"):
+        shutil.rmtree(interrupted / gone)
+    write_study(interrupted, replace(study, operators=1, protocol=protocol_from_json(about, "test")))
     resume_study(interrupted, {})
-    devices = read_stored(interrupted / "sub-03" / "ses-01").protocol.devices
+    devices = read_stored(interrupted / "sub-01" / "ses-01").protocol.devices
     assert "tip_kg = 0.6" in devices[0].text

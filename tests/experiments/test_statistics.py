@@ -39,7 +39,7 @@ from experiments.analysis.statistics import (
     statistics,
 )
 from experiments.analysis.trials_table import TrialRow, as_table
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from tests.support.rows import with_measures
 
 DEVICES = ("three-brake", "four-brake")

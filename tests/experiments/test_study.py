@@ -18,7 +18,7 @@ from app.cli import main
 from experiments.analysis.metrics import DRAWN, METRICS
 from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.store.journal import read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
 from experiments.store.verify import verify
 from experiments.study import study as studies

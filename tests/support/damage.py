@@ -12,7 +12,7 @@ from sessions import of, session_of
 from experiments.store.database import DATABASE, TABLES
 from experiments.store.files import write_pooled_table
 from experiments.store.journal import ANSWERS
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.study_plan import StudyPlan, note_sessions, write_study
 from experiments.store.verify import verify
 from experiments.trial.population import load_population

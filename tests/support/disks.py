@@ -48,7 +48,7 @@ class Disk:
                 disk.refuse_unless_room()
             return write(target)
 
-        for place in ("experiments.atomic_files", "experiments.store.settle"):
+        for place in ("experiments.atomic_files", "experiments.store.recording", "experiments.store.database"):
             patch.setattr(f"{place}.new_beside", new_beside)
         patch.setattr("sqlite3.connect", lambda *of, **how: connect(*of, **how, factory=Connection))
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from core import tick_log
+from core.control.velocity_field import field_around
 from core.device import Device
-from core.path import PathFile, Segment, build_path, outline
+from core.path import Path, PathFile, Segment, build_path, outline
 from core.workspace import brake_rows
-from experiments.store.playback import fill_field
 
 TICKS_PER_S = 1000
 ALONG = Segment((-0.10, 0.40), (0.10, 0.40))
@@ -28,6 +28,18 @@ def quiet(n: int = 16, phase: int = tick_log.MOVE, start_s: float = 0.0, **colum
         rows[:, at] = value
     fill_field(build_path(ALONG, "path"), rows)
     return rows
+
+
+def fill_field(path: Path, rows: np.ndarray) -> None:
+    """Fill the field of a path into ticks (n, tick_log.WIDTH) of a hand that never turns back; NaN outside `move`."""
+    rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = np.nan
+    rows[:, tick_log.TRAVEL_SENSE] = 1.0
+    moves = rows[:, tick_log.PHASE] == tick_log.MOVE
+    field = field_around(path, rows[moves, tick_log.TIP_X : tick_log.TIP_Y + 1], 1.0)
+    rows[moves, tick_log.PATH_DISTANCE] = np.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
+    rows[moves, tick_log.FORWARD_X : tick_log.DESIRED_Y + 1] = np.column_stack(
+        (field.t_x, field.t_y, field.beta_x, field.beta_y)
+    )
 
 
 def trial(device: Device, path: PathFile = ALONG, seconds: float = 4.0, seed: int = 1) -> np.ndarray:

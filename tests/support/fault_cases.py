@@ -26,7 +26,7 @@ from core.faults import cause
 from experiments.protocol import Protocol, load_protocol
 from experiments.recording import Sensors
 from experiments.store.cells import trial_name
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.device import HeldHand

@@ -20,13 +20,12 @@ ROOT = Path(__file__).resolve().parents[2]
 class KilledPhd:
     """The jobs, from a test's side."""
 
-    def __init__(self, blocks: int) -> None:
-        """blocks: of the plan of each study, 20 trials each."""
+    def __init__(self) -> None:
         from protocols import short
 
         self._folder = tempfile.TemporaryDirectory()
         protocol = Path(self._folder.name) / "short.toml"
-        protocol.write_text(short(blocks).text, encoding="utf-8")
+        protocol.write_text(short(paths=1).text, encoding="utf-8")
         #: arguments of a study, all but its folder
         self.study = ["study", str(protocol), "--operators", "1", "--seed", "3"]
         self._process = subprocess.Popen(

@@ -16,7 +16,7 @@ from app.ipc.client import Client
 from app.ipc.messages import Setup
 from experiments.recording import Recording
 from experiments.store.journal import read_events
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 
 #: in lines of the log that only Wine causes: Arrow asks it for processors, LSL for network interfaces
 WINE_ALONE = ("cpu_info.cc", "netinterfaces.cpp", "api_config.cpp")

@@ -7,11 +7,8 @@ import numpy as np
 from core import tick_log
 from core.control.controllers import DECISIONS
 from experiments.recording import Recording, recording_columns
-from experiments.store.database import DATABASE, Database, reading
-from experiments.store.files import trials_in
-from experiments.store.parquet import as_json, description, digest_of, write_parquet
-from experiments.store.settle import close_trial
-from experiments.store.writer import RecordingWriter
+from experiments.store.database import DATABASE, Database, new_database, reading, trials_in
+from experiments.store.recording import RecordingWriter, as_json, close_trial, description, digest_of, write_parquet
 
 NAMES = (
     "t_s, phase, tip_x_m, tip_y_m, tip_vx_m_s, tip_vy_m_s, tip_ax_m_s2, tip_ay_m_s2, hand_fx_N, hand_fy_N, "
@@ -36,6 +33,13 @@ def ticks(n, seed=0):
     return rows
 
 
+def new_session_database(folder: Path, sync: bool = False) -> Database:
+    """The database of a session of which nothing is known."""
+    with new_database(folder / DATABASE, sync):
+        pass
+    return Database(folder, sync)
+
+
 def record(
     folder: Path, rows: np.ndarray, braked: str = "AEB", outcome=None, pieces: int = 1, closed: bool = True,
     metadata=None, sensors=None, run: int = 1,
@@ -45,15 +49,15 @@ def record(
     closed: its ticks are in its file, as after a trial; else it has ended, and they are in the database.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with Database(folder, "" if (folder / DATABASE).exists() else "1" * 32, sync=False) as database:
+    with Database(folder, sync=False) if (folder / DATABASE).exists() else new_session_database(folder) as database:
         writer = RecordingWriter(database, ("trials", run), braked, metadata or {"participant": "01"}, sensors)
         for piece in np.array_split(rows, pieces):
             writer.write(piece)
             writer.flush()
-        writer.close(outcome or {"status": "done"})
+        trial = writer.close(outcome or {"status": "done"})
         database.commit()
         if closed:
-            close_trial(folder, database, writer.trial, sync=False)
+            close_trial(database, trial, sync=False)
     return folder / "trials" / f"run-{run:03d}.parquet"
 
 

@@ -1,12 +1,11 @@
 """Rows of trials.csv with measures of a test's own, and tables as rows."""
 
-import uuid
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from experiments.analysis.trials_table import TrialRow, as_rows, as_table, read_table, write_table
-from experiments.store.database import DATABASE, Database
+from experiments.store.database import DATABASE, new_database
 from experiments.store.files import add_row
 from experiments.store.stored import put_about
 
@@ -31,8 +30,7 @@ def put_session(data: Path, participant: str, rows: Iterable[TrialRow]) -> Path:
     """A session of which nothing is known but these rows, in place of one that is there; its folder."""
     folder = data / f"sub-{participant}" / "ses-01"
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / DATABASE).unlink(missing_ok=True)
-    with Database(folder, uuid.uuid4().hex, sync=False) as database:
+    with new_database(folder / DATABASE, sync=False) as database:
         put_about(database, {"participant": participant})
         for row in rows:
             add_row(database, row)

@@ -59,7 +59,7 @@ from experiments.export.results import Results, ResultsJob, read_results
 from experiments.plan import counted
 from experiments.store.cells import finished_cells, trial_names
 from experiments.store.journal import exclude_run
-from experiments.store.playback import Playback, read_playback
+from experiments.study.playback import Playback, read_playback
 
 TRIAL = "trial"
 PAGES = {POOLED: "Pooled", PERSON: "Per participant", TRIAL: "A trial"}

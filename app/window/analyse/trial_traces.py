@@ -15,7 +15,7 @@ from app.window.widgets.plots import HIDDEN, TimePlot, currents_of, start_of_hol
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.mechanism import JOINTS
-from experiments.store.playback import Comparison, Playback
+from experiments.study.playback import Comparison, Playback
 
 BESIDE = COLOURS.wedge  # the colour of the hand through another controller
 DUTY_S = 0.05  # currents are read over so much time about the cursor: they chatter at 1 kHz

@@ -33,7 +33,7 @@ from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
 from experiments.analysis.trials_table import COUNTED, TrialRow
-from experiments.store.playback import Comparison, Playback, read_comparison, read_playback
+from experiments.study.playback import Comparison, Playback, read_comparison, read_playback
 
 FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)

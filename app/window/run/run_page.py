@@ -511,7 +511,7 @@ def told(about: str, trial: PlannedTrial | TrialRow, opened: m.Opened, blind: bo
 
 def read_ticks(run: int, recording: Path) -> Earlier:
     """A run, and its ticks."""
-    from experiments.store.playback import read_playback  # takes a second, which the start of the app has not
+    from experiments.study.playback import read_playback  # takes a second, which the start of the app has not
 
     return Earlier(run, read_playback(recording).ticks)
 

@@ -9,20 +9,18 @@ import numpy as np
 from pyarrow import csv
 
 from core import tick_log
-from core.control.velocity_field import field_around
 from core.device import Device
 from core.files import InputError
 from core.mechanism import JOINTS
 from core.obstacles import ObstacleFile
-from core.path import Path as Way
-from core.path import PathFile, Segment, build_path, path_from
+from core.path import PathFile, Segment, path_from
 from experiments.analysis.colours import colour_places
 from experiments.analysis.trials_table import Controller, TrialRow, is_code
 from experiments.recording import TEXT_COLUMNS, Recording, recording_columns
 from experiments.store.cells import trial_names
 from experiments.store.files import rows_of
 from experiments.store.journal import EXCLUDED, exclusion_of
-from experiments.store.reader import read_recording
+from experiments.store.recording import read_recording
 from experiments.store.stored import StoredSession, read_stored
 
 
@@ -61,7 +59,7 @@ def read_playback(path: Path) -> Playback:
     session = path.resolve().parent.parent
     stored = read_stored(session)
     way = way_of(recording)
-    ticks = ticks_of(recording, way)
+    ticks = ticks_of(recording)
     about = recording.metadata
     rows = rows_of(session)
     row = next((row for row in rows if row.recording and session / row.recording == path.resolve()), None)
@@ -91,11 +89,11 @@ def read_playback(path: Path) -> Playback:
     )
 
 
-def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
-    """The tick log (n, tick_log.WIDTH) of a recording of this path; text columns with the codes of this program."""
+def ticks_of(recording: Recording) -> np.ndarray:
+    """The tick log (n, tick_log.WIDTH) of a recording; text columns with the codes of this program."""
     rows = np.zeros((recording.rows, tick_log.WIDTH))
     for name, place in recording_columns(recording.braked):
-        if name in recording.columns:  # earlier versions recorded fewer
+        if name in recording.columns:  # a device on the bench has no simulated hand
             rows[:, place] = recording.column(name)
     for name, place, words in (
         ("phase", tick_log.PHASE, tick_log.PHASES),
@@ -103,8 +101,6 @@ def ticks_of(recording: Recording, way: PathFile) -> np.ndarray:
     ):
         codes = np.array([words.index(text) for text in recording.words[name]], dtype=float)
         rows[:, place] = codes[recording.column(name)]
-    if "travel_sense" not in recording.columns:
-        fill_field(build_path(way, "path"), rows)
     return rows
 
 
@@ -129,18 +125,6 @@ def way_of(recording: Recording) -> PathFile:
 def errors(ticks: np.ndarray) -> np.ndarray:
     """Distance of the tip from the path (n,), m, in ticks (n, tick_log.WIDTH); NaN outside the movement."""
     return np.where(ticks[:, tick_log.PHASE] == tick_log.MOVE, np.abs(ticks[:, tick_log.PATH_DISTANCE]), np.nan)
-
-
-def fill_field(path: Way, rows: np.ndarray) -> None:
-    """Fill what old ticks (n, tick_log.WIDTH) lack, as if the hand had never turned back; NaN outside `move`."""
-    rows[:, tick_log.PATH_DISTANCE : tick_log.DESIRED_Y + 1] = np.nan
-    rows[:, tick_log.TRAVEL_SENSE] = 1.0
-    moves = rows[:, tick_log.PHASE] == tick_log.MOVE
-    field = field_around(path, rows[moves, tick_log.TIP_X : tick_log.TIP_Y + 1], 1.0)
-    rows[moves, tick_log.PATH_DISTANCE] = np.copysign(field.distance, field.t_y * field.n_x - field.t_x * field.n_y)
-    rows[moves, tick_log.FORWARD_X : tick_log.DESIRED_Y + 1] = np.column_stack(
-        (field.t_x, field.t_y, field.beta_x, field.beta_y)
-    )
 
 
 class Comparison(NamedTuple):
