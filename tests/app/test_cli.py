@@ -214,24 +214,29 @@ def hear_ctrl_c() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM there, and Ctrl-C goes to all processes of a console")
-@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, code):
+def test_a_long_run_that_is_stopped_leaves_no_file(folder):
     """A row takes minutes: its kernel hears nothing, the program does."""
     change(folder / "scene.toml", "step_s = 1e-3", "step_s = 1e-5\noutput_interval_s = 9e3")
     change(folder / "scene.toml", "duration_s = 0.05", "duration_s = 9e3")
     change(folder / "scene.toml", 'file = "force.csv"', "constant_N = [0, 0]")
-    process = phd("simulate", "scene.toml", "--out", "out.csv", preexec_fn=hear_ctrl_c)
+    codes = {signal.SIGINT: 130, signal.SIGTERM: 143}
+    outs = {number: folder / f"{number.name}.csv" for number in codes}
+    running = {
+        number: phd("simulate", "scene.toml", "--out", out.name, preexec_fn=hear_ctrl_c) for number, out in outs.items()
+    }
     try:
         deadline = time.perf_counter() + 200
-        while time.perf_counter() < deadline and not (folder / "out.csv").exists():
+        while time.perf_counter() < deadline and not all(out.exists() for out in outs.values()):
             time.sleep(0.05)
         time.sleep(2.0)  # its kernels are loaded
-        process.send_signal(number)
-        _, said = process.communicate(timeout=200)
+        for number, process in running.items():
+            process.send_signal(number)
+            _, said = process.communicate(timeout=200)
+            assert process.returncode == codes[number] and "Traceback" not in said
     finally:
-        process.kill()  # one that does not hear
-    assert process.returncode == code and "Traceback" not in said
-    assert not (folder / "out.csv").exists()
+        for process in running.values():
+            process.kill()  # one that does not hear
+    assert not any(out.exists() for out in outs.values())
 
 
 def test_a_verb_whose_reader_is_gone_ends_quietly():

@@ -25,9 +25,9 @@ ROUNDING_J, ROUNDING = 1e-12, 1e-12
 
 @pytest.fixture(scope="module")
 def random_outcomes() -> list[Outcome]:
-    """Every stored seed at every step."""
-    stored = stored_references()
-    return [one for seed, tips in stored.items() for one in outcomes(f"seed {seed}", *random_scene(seed), tips)]
+    """Every second stored seed at every step."""
+    stored = list(stored_references().items())[::2]
+    return [one for seed, tips in stored for one in outcomes(f"seed {seed}", *random_scene(seed), tips)]
 
 
 @pytest.fixture(scope="module")
