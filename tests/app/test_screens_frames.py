@@ -12,7 +12,6 @@ from fake_client import PLAN, movement, opened, ready, running, ticks
 from PySide6.QtWidgets import QApplication
 from screens import Screens, settle
 
-from app.ipc import messages as m
 from app.window.canvas.layers import joints_at
 from app.window.run.energy import Ledger
 from app.window.run.run_page import PANELS_EVERY
@@ -105,15 +104,6 @@ def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screen
     screens.hear(running(1))
     screens.run.show_panels()
     assert screens.run.strip.speed.newest == () and not screens.run.strip.ledger.began
-
-
-def test_a_pill_that_was_needed_before_is_used_again(screens: Screens) -> None:
-    good, bad = m.Check("Disk", m.GOOD, "80 GB free"), m.Check("Disk", m.BAD, "full", "Make room.")
-    pills = []
-    for check in (bad, bad, good, bad):
-        screens.hear(ready(checks=(check,)))
-        pills += screens.main.preflight.pills
-    assert len(pills) == 3 and len(set(map(id, pills))) == 1 and "Make room." in pills[0].toolTip()
 
 
 def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:

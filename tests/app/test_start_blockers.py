@@ -8,7 +8,7 @@ from status_messages import status
 
 from app.ipc import messages as m
 from app.session_server.preflight import check_real, check_sensor
-from app.window.home.start import Loaded, Wanted, standing_of, start_blockers, start_text
+from app.window.home.start import Loaded, Wanted, start_blockers
 from app.window.widgets.preflight import advice
 from core.files import InputError
 from experiments.store.overview import SessionOverview
@@ -54,19 +54,6 @@ def test_while_a_session_is_open_that_is_the_only_reason() -> None:
         WANTED._replace(participant="", form_problems=["Fill in age."]), "02", before(checks=RED), False
     )
     assert only.startswith("The session of 02 is open: close it to open or choose another.")
-
-
-def test_the_button_says_what_it_does() -> None:
-    done = BEGUN._replace(done=60)
-    for wanted, is_open, text, standing in (
-        (WANTED, "", "Start session   01 · 60 trials", "new"),
-        (WANTED._replace(participant=""), "", "Start session", ""),
-        (WANTED._replace(loaded=None), "", "Start session", "new"),
-        (WANTED._replace(found=BEGUN), "", "Resume session   01 · 46 trials left", "14 of 60 done, paper protocol"),
-        (WANTED._replace(found=done), "", "Open session   01 · complete", "60 of 60 done, paper protocol"),
-        (WANTED, "02", "Go to the session   02", "new"),
-    ):
-        assert (start_text(wanted, is_open), standing_of(wanted)) == (text, standing)
 
 
 def test_what_a_step_of_the_session_puts_right_keeps_trials_from_starting_and_is_no_fault() -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QLayout, QMenu, QProgressBar, QPushButton
@@ -55,6 +56,15 @@ class Recent:
             self._settings.setValue(self._kind, self.paths)
 
 
+class Doing(NamedTuple):
+    """What is being done with a session now."""
+
+    participant: str = ""  # whose session is open
+    why_not: str = ""  # why no other one can be opened, a sentence; "": one can
+    can_leave: bool = False  # whether the open one can be closed
+    opening: str = ""  # whose session is being opened
+
+
 class DataPanel(Panel):
     """The sessions, how far each is, and what can be done with it."""
 
@@ -66,7 +76,7 @@ class DataPanel(Panel):
         super().__init__()
         self._page = page
         self.overview: DataOverview | None = None  # None: not looked at yet
-        self._why, self._open, self._can_leave, self._opening = "", "", False, ""
+        self._doing = Doing()
         self._folder = Path()  # until the session server says which
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
@@ -101,10 +111,10 @@ class DataPanel(Panel):
             self._looking.forget()
             self._looking.look()
 
-    def show_session(self, participant: str, why_not: str, can_leave: bool, opening: str = "") -> None:
-        """Whose session is open and whether it can be closed, why no other one can be opened now, whose is opening."""
-        if (participant, why_not, can_leave, opening) != (self._open, self._why, self._can_leave, self._opening):
-            self._open, self._why, self._can_leave, self._opening = participant, why_not, can_leave, opening
+    def show_doing(self, doing: Doing) -> None:
+        """What is being done with a session now."""
+        if doing != self._doing:
+            self._doing = doing
             self._fill()
 
     def session_of(self, participant: str) -> SessionOverview | None:
@@ -144,19 +154,19 @@ class DataPanel(Panel):
 
     def _row(self, session: SessionOverview) -> QLayout:
         """A session: who and when, how far, what to do with it."""
-        is_open = session.participant == self._open
+        is_open = session.participant == self._doing.participant
         if is_open:
             main = button("Close", lambda: self._page.page_asked.emit(RUN, m.Leave()), hint=LEAVE)  # Run asks first
-            main.setEnabled(self._can_leave)
+            main.setEnabled(self._doing.can_leave)
         elif session.declined:
             main = button("Folder", lambda: self._page.folder_asked.emit(session.folder), "link")
         elif session.complete:
             main = button("Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder), "link")
         else:
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "link")
-            main.setEnabled(not self._why and not session.problem and not self._opening)
-            main.setToolTip(self._why)
-        if session.participant == self._opening:
+            main.setEnabled(self._can_open(session))
+            main.setToolTip(self._doing.why_not)
+        if session.participant == self._doing.opening:
             show_wait(main, "Opening …")
         done = text_label(f"{session.done} of {session.planned}")
         if session.problem or session.declined:
@@ -174,11 +184,14 @@ class DataPanel(Panel):
             lines.addWidget(lacking)
         return lines
 
+    def _can_open(self, session: SessionOverview) -> bool:
+        return not (self._doing.why_not or self._doing.opening or session.problem)
+
     def _more(self, session: SessionOverview, is_open: bool) -> QPushButton:
         about = f"More about {session.participant}"
         more = QPushButton("…", objectName="small", accessibleName=about, autoDefault=True)
         more.setMenu(menu := QMenu(more))
-        can_open = not (is_open or self._why or session.problem or session.declined or self._opening)
+        can_open = self._can_open(session) and not (is_open or session.declined)
         self._entry(menu, "Open the session", lambda: self.resume_asked.emit(session.participant), can_open)
         self._entry(menu, "Results", lambda: self._page.page_asked.emit(ANALYSE, session.folder), session.done > 0)
         self._entry(menu, "Replay trials", lambda: self._replay(session), session.done > 0)

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.home.board_ports import BoardPorts
-from app.window.home.data_panel import DataPanel, Recent
+from app.window.home.data_panel import DataPanel, Doing, Recent
 from app.window.home.next_panel import GO, RESUME, TRY, NextPanel, what_comes_next
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
@@ -411,7 +411,7 @@ class HomePage(Page):
         self._show_choices(wanted)
         self.checks.show_checks(tuple(check for check in snapshot.checks if check.state != m.GOOD))
         why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
-        self.data.show_session(is_open, why_not, snapshot.can_leave, self._opening)
+        self.data.show_doing(Doing(is_open, why_not, snapshot.can_leave, self._opening))
         self._show_next(is_open, why_not)
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
 

@@ -38,20 +38,13 @@ PADDING_PX = 14  # beside the words of the banner
 class Pill(Panel):
     """One check that is not green: its mark, its name and, where there is room for all of them, its words."""
 
-    def __init__(self) -> None:
-        super().__init__("pill")
-        self.mark, self.name = text_label(size=theme.SMALL), text_label(size=theme.NORMAL)
-        self.words = text_label("", "quiet", theme.NORMAL)
+    def __init__(self, check: m.Check) -> None:
+        super().__init__("pill-bad" if check.state == m.BAD else "pill")
+        self.check = check
+        self.mark, self.name = text_label(*MARKS[check.state], theme.SMALL), text_label(check.name)
+        self.words = text_label(check.text, "quiet")
         self.setLayout(row(self.mark, self.name, self.words, spacing=2 * GAP_PX, margins=(11, 0, 11, 0)))
         self.setFixedHeight(30)
-
-    def show_check(self, check: m.Check) -> None:
-        theme.set_style(self, "pill-bad" if check.state == m.BAD else "pill")
-        mark, look = MARKS[check.state]
-        theme.set_style(self.mark, look)
-        self.mark.setText(mark)
-        self.name.setText(check.name)
-        self.words.setText(check.text)
         self.setToolTip(f"{check.name}: {sentence(told(check))}")
 
 
@@ -104,8 +97,7 @@ class Preflight(QWidget):
         self.setCursor(Qt.CursorShape.PointingHandCursor)
         self.mark, self.all_well = text_label("●", "good"), text_label(size=theme.NORMAL)
         self._well = holder(row(self.mark, self.all_well, spacing=8, margins=(0, 0, 6, 0)))
-        self.pills: list[Pill] = []  # that are seen
-        self._spare: list[Pill] = []
+        self.pills: list[Pill] = []
         self.brakes = BrakesButton()
         self.brakes.setFont(theme.font(theme.NORMAL, bold=True))
         self.brakes.setFixedHeight(34)
@@ -149,17 +141,14 @@ class Preflight(QWidget):
         )
 
     def _show_pills(self, checks: Sequence[m.Check]) -> None:
-        """A pill each; those that are not needed now wait to be used again."""
-        while len(self.pills) + len(self._spare) < len(checks):
-            self._spare.append(Pill())
-            self._row.addWidget(self._spare[-1])
-        all_pills = [*self.pills, *self._spare]
-        self.pills, self._spare = all_pills[: len(checks)], all_pills[len(checks) :]
-        for pill, check in zip(self.pills, checks, strict=True):
-            pill.show_check(check)
+        """A pill each; what is said again stays as it is, under a pointer that rests on it."""
+        if [pill.check for pill in self.pills] == list(checks):
+            return
+        clear(self._row)
+        self.pills = [Pill(check) for check in checks]
+        for pill in self.pills:
+            self._row.addWidget(pill)
             pill.show()
-        for pill in self._spare:
-            pill.hide()
 
 
 def well(snapshot: m.Snapshot) -> str:
