@@ -208,6 +208,7 @@ CONNECT, HOME, ZERO, DONE = "connect", "home", "zero", ""
 WAITS = {CONNECT: "Connecting …", HOME: "Homing …", ZERO: "Zeroing …"}
 
 DISK_WAIT = "Waiting for the disk"  # beginning of the notice while a command waits for it
+FORCE_SENSOR = "Force sensor"  # name of the check of what measures the hand, where it does
 BRAKES_OFF = "brakes off"  # text of the check "Device" while a device is connected and no current may flow
 #: states of a check; DUE: a later step of the session will put it right
 GOOD, CAUTION, DUE, BAD, WAITING = "good", "caution", "due", "bad", "waiting"
@@ -216,7 +217,7 @@ GOOD, CAUTION, DUE, BAD, WAITING = "good", "caution", "due", "bad", "waiting"
 class Check(NamedTuple):
     """One pre-flight check. No trial starts while any is DUE, BAD or WAITING."""
 
-    name: str  # "Device", "Hand", "Loop", "Disk", "Recording"
+    name: str  # "Device", "Hand" or FORCE_SENSOR, "Loop", "Disk", "Recording"
     state: str  # GOOD, CAUTION, DUE, BAD, WAITING
     text: str  # short: "simulated", "mouse", "1 kHz, p99 31 µs", "82 GB free", "on"
     advice: str = ""  # what to do about it, one sentence
@@ -345,7 +346,7 @@ class Snapshot(NamedTuple):
         """Why no session can be opened; "": one can. On the bench a session comes before homing and zeroing."""
         if not real_device:
             return self.trial_blocker
-        others = tuple(check for check in self.checks if check.name not in ("Device", "Hand"))
+        others = tuple(check for check in self.checks if check.name not in ("Device", "Hand", FORCE_SENSOR))
         return self._replace(checks=others, brakes_off="").trial_blocker
 
 

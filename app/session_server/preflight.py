@@ -9,7 +9,19 @@ import time
 from pathlib import Path
 from typing import IO
 
-from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, GOOD, WAITING, Check, Compiling, DeviceStatus, Setup
+from app.ipc.messages import (
+    BAD,
+    BRAKES_OFF,
+    CAUTION,
+    DUE,
+    FORCE_SENSOR,
+    GOOD,
+    WAITING,
+    Check,
+    Compiling,
+    DeviceStatus,
+    Setup,
+)
 from core.faults import FAULTS, advice
 from experiments.atomic_files import reason_of
 from experiments.inputs import INPUTS, OPERATOR
@@ -58,13 +70,13 @@ def check_real(status: DeviceStatus | None, why_off: str, connecting: bool = Fal
 def check_sensor(status: DeviceStatus | None) -> Check:
     """Whether the force of the hand is measured."""
     if status is None or not status.device or status.problem:
-        return Check("Hand", WAITING, "force sensor", "The board on the bench is being reached.")
+        return Check(FORCE_SENSOR, WAITING, "connecting …", "The board on the bench is being reached.")
     if status.force_channels == 0:
         advice = "Without it the controllers see motion alone, and a trapped hand is not released."
-        return Check("Hand", CAUTION, "no force sensor", advice)
+        return Check(FORCE_SENSOR, CAUTION, "none", advice)
     if not status.zeroed:
-        return Check("Hand", DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
-    return Check("Hand", GOOD, "force sensor")
+        return Check(FORCE_SENSOR, DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
+    return Check(FORCE_SENSOR, GOOD, "zeroed")
 
 
 def check_hand(hand: str, reading: HidReading | None) -> Check:

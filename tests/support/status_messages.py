@@ -8,12 +8,12 @@ from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
 
 ON_BENCH = {"real_device": True, "hand": "force sensor"}
-WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check("Hand", m.GOOD, "force sensor"), *GREEN[2:])
-NO_ZERO = m.Check("Hand", m.DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
+WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check(m.FORCE_SENSOR, m.GOOD, "zeroed"), *GREEN[2:])
+NO_ZERO = m.Check(m.FORCE_SENSOR, m.DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
 NOT_ZEROED = (WELL[0], NO_ZERO, *GREEN[2:])
 LOST = (
     m.Check("Device", m.BAD, "not connected", "No sample for 200 ms."),
-    m.Check("Hand", m.WAITING, "force sensor"),
+    m.Check(m.FORCE_SENSOR, m.WAITING, "connecting …"),
     *GREEN[2:],
 )
 FRAMES = {"good": 812_400, "bad_cobs": 0, "bad_crc": 0, "too_long": 0, "resyncs": 0, "bytes": 48_000_000, "bad": 0}

@@ -122,7 +122,7 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
     faulty = snapshot.brakes_off or (status is not None and status.fault)
     of_device = READY_BOARD if not reached else BRAKES if faulty else ENCODERS
     for check in snapshot.checks:  # the server's own, which says what keeps trials from starting
-        name = {"Device": of_device, "Hand": FORCE if reached else ""}.get(check.name, "")
+        name = {"Device": of_device, m.FORCE_SENSOR: FORCE if reached else ""}.get(check.name, "")
         if name and check.state != m.GOOD:
             found[name] = check._replace(text=check.text if check.state in (m.DUE, m.WAITING) else told(check))
     return found

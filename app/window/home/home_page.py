@@ -375,7 +375,7 @@ class HomePage(Page):
     def _checks(self) -> tuple[m.Check, ...]:
         """The checks of what was chosen: device and hand of another session server are not looked at yet."""
         other = not self._same_setup or self._no_board
-        return tuple(c for c in self.snapshot.checks if not (other and c.name in ("Device", "Hand")))
+        return tuple(c for c in self.snapshot.checks if not (other and c.name in ("Device", "Hand", m.FORCE_SENSOR)))
 
     @property
     def _asks_a_person(self) -> bool:
