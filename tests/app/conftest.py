@@ -11,9 +11,15 @@ from app.window.widgets import theme
 
 
 @pytest.fixture(scope="session", autouse=True)
-def dressed(application: QApplication) -> Iterator[None]:
-    """The typeface and the colours, once; and no window loads what later pages need, or keeps settings."""
+def dressed(application: QApplication) -> None:
+    """The typeface and the colours, once."""
     theme.apply_theme(application)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def alone(dressed: None) -> Iterator[None]:
+    """No window loads what later pages need, or keeps settings; tests of other folders, before or after, may."""
+    QApplication.setOrganizationName("")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.window.windows.Windows._warm", lambda *_: None)
         patch.setattr("app.window.widgets.memory.begin", lambda: None)  # the user's own settings are left alone
