@@ -162,7 +162,7 @@ def files_help(data_folder: str) -> dict[str, str]:
         "recording for each trial.",
         "Settings": kept.fileName() if kept else "not kept",
         "Program": str(Path(__file__).resolve().parents[2]),
-        "Export": "Home, Your data, Export: BIDS-Motion or CSV, into a new folder.",
+        "Export": "Home, Data, Export: BIDS-Motion or CSV, into a new folder.",
     }
 
 

@@ -210,7 +210,7 @@ class AnalysePage(Page):
 
     def _show_results(self, results: Results | InputError) -> None:
         if isinstance(results, InputError):
-            self._show_empty(f"{results}. Open another on Home, under Your data.")
+            self._show_empty(f"{results}. Open another on Home, under Data.")
             return
         self.results = results
         rows = as_rows(results.trials)

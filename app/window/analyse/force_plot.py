@@ -26,7 +26,7 @@ from experiments.analysis.error_against_force import (
 from experiments.analysis.trials_table import Trials
 
 CIRCLE_PX = 22.0  # the largest diameter
-HEAD = f"{ERROR.title} ({ERROR.shown_unit}) against force ({FORCE.shown_unit})"
+HEAD = f"Error ({ERROR.shown_unit}) against force ({FORCE.shown_unit})"
 ABOUT = "A circle's area is the DFT of acceleration. Each line across halves the error. Best: low and left."
 
 

@@ -1,4 +1,4 @@
-"""Your data: the sessions of the data folder, how far each is, and what can be done with them."""
+"""Data: the sessions of the data folder, how far each is, and what can be done with them."""
 
 from collections.abc import Callable
 from datetime import datetime
