@@ -63,7 +63,8 @@ def run_study(
     refuse_too_many(out, operators, protocol)
     own_metrics(protocol)  # InputError: its own measures cannot be used
     refuse_unusable(protocol.controllers.values())
-    make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, f".{STUDY}.partial"))
+    left = [f".{STUDY}.partial{end}" for end in ("", "-journal", "-wal", "-shm")]  # by a crash
+    make_empty_folder(out, "a study needs a new or empty folder (or --resume)", (LOCK, *left))
     load_kernels()  # no clock runs while they are compiled
     with helpers(operators) as workers, hold_lock(out):
         study = StudyPlan(operators, with_low_gain_found(protocol, population), population)

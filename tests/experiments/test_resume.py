@@ -202,6 +202,7 @@ def test_a_folder_with_nothing_to_resume_is_refused_in_one_sentence(interrupted,
 
 def test_a_folder_in_which_a_study_was_hardly_begun_takes_a_new_one(tmp_path):
     (tmp_path / ".study.db.partial").write_text("{")
+    (tmp_path / ".study.db.partial-wal").write_text("{")
     (tmp_path / ".lock").touch()
     assert run_study(tmp_path, 1, short(paths=1, seed="2"), PEOPLE)["trials"] == 10
 
