@@ -112,7 +112,6 @@ def test_an_export_describes_it_and_a_blind_table_hides_it(study):
     cells = dict(zip(header.split("\t"), first.split("\t"), strict=True))
     row = next(row for row in read_rows(study.out / "trials.csv") if row.participant == "01")
     assert float(cells["late_error_mm"]) == row.own["late_error_mm"] and cells["failing"] == "n/a"
-    assert blinded(row).own == row.own, "opened"
     assert blinded(type(row)(**{**vars(row), "controller": "K1"})).own == {}
 
 
