@@ -10,6 +10,7 @@ from pathlib import Path
 
 from core.files import InputError
 from experiments.analysis.trials_table import TrialRow, as_table, table_bytes
+from experiments.inputs import is_person
 from experiments.progress import Progress, no_progress
 from experiments.store import files
 from experiments.store.consent import agreed
@@ -17,7 +18,7 @@ from experiments.store.database import DATABASE, Stored, StoredTrial, reading, t
 from experiments.store.journal import read_journal
 from experiments.store.recording import batches, fault_of_file, read_trial
 from experiments.store.repair import RECOVERED
-from experiments.store.stored import read_stored, stored_person
+from experiments.store.stored import StoredSession, read_stored, stored_person
 from experiments.store.study_plan import identities_in, read_sessions, read_study
 
 Faults = Iterator[tuple[str, str]]  # file, its fault
@@ -70,8 +71,7 @@ class _Found:
                     self._check_trial(stored, trial, whole, live, inside)
             said = read_stored(session)
             stored_person(session, said)
-            if agreed(said.about) is False:
-                self.notes.append((database, "the participant declined to take part"))
+            self._check_consent(session, said, database)
             journal = read_journal(session)
             self.faults += [(database, fault) for fault in journal.faults if (database, fault) not in self.faults]
             self.notes += [(database, note) for note in journal.notes]
@@ -79,6 +79,18 @@ class _Found:
                 self._check_rows(session, inside)
         except (InputError, OSError) as error:
             self.faults.append((database, files.relative_to(session, str(error))))
+
+    def _check_consent(self, session: Path, said: StoredSession, database: str) -> None:
+        """The answer of a person who was to be asked; nothing was recorded of one who declined."""
+        if said.protocol.consent is None or not is_person(said.about["hand"]):
+            return
+        answer = agreed(said.about)
+        if answer is None:
+            self.faults.append((database, "the participant was not asked for the consent that the protocol wants"))
+        elif not answer and files.runs_used(session):
+            self.faults.append((database, "there are recordings of a participant who declined to take part"))
+        elif not answer:
+            self.notes.append((database, "the participant declined to take part"))
 
     def _check_trial(self, stored: Stored, trial: StoredTrial, whole: bool, live: bool, inside: str) -> None:
         name, path = f"{inside}{trial.name}", stored.path.parent / trial.name

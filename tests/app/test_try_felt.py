@@ -2,6 +2,8 @@
 
 import itertools
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from app.ipc.messages import Setup
 from core import tick_log
 from core.tick_log import TICK_S
 
-PASSES = 2  # of each controller
+PASSES = 3  # of each controller
 SPEED_M_S, TO_START_M_S, ASIDE_M, SWINGS = 0.08, 0.08, 0.01, 2.0
 PULL_PER_S = 4.0  # at which the pointer goes beyond the start while the handle is short of it
 FELT_N = 0.5
@@ -72,10 +74,13 @@ def mouse_reports(monkeypatch):
     monkeypatch.setattr(simulated_loop, "PIECE", 8)
 
 
-def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_from_pass_to_pass(tmp_path):
+def felt(
+    folder: Path, device: str, controllers: Sequence[int], low_gain: float | None = None
+) -> tuple[dict[tuple[int, int], float], float]:
+    """The least distance between passes of two controllers, for each pair; the largest between passes of the same."""
     tried = {}
-    for number in (1, 2, 3, 4, 5):
-        with local_window(Setup(tmp_path / str(number), devices=("three-brake",), sync=False)) as window:
+    for number in controllers:
+        with local_window(Setup(folder / str(number), devices=(device,), low_gain=low_gain, sync=False)) as window:
             window.until_stage(m.NO_SESSION)
             window.client.send(m.SetSandbox())
             settings = window.until(lambda s: s.sandbox and s.running).sandbox.settings
@@ -87,4 +92,15 @@ def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_fro
         for a, b in itertools.combinations(tried, 2)
     }
     repeats = max(apart(one, other) for own in tried.values() for one, other in itertools.combinations(own, 2))
+    return pairs, repeats
+
+
+@pytest.mark.parametrize("device", ["three-brake", "four-brake"])
+def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_from_pass_to_pass(tmp_path, device):
+    pairs, repeats = felt(tmp_path, device, (1, 2, 3, 4, 5))
     assert min(pairs.values()) > max(FELT_N, repeats), (pairs, repeats)
+
+
+def test_with_the_low_gain_as_printed_nothing_is_felt_of_it(tmp_path):
+    pairs, _ = felt(tmp_path, "three-brake", (1, 5), low_gain=5.0)
+    assert pairs == {(1, 5): 0.0}

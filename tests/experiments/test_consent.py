@@ -14,6 +14,7 @@ from experiments.store.consent import ConsentAnswer
 from experiments.store.database import Database
 from experiments.store.journal import CONSENT, read_events
 from experiments.store.overview import scan_folder
+from experiments.store.recording import RecordingWriter
 from experiments.store.session import Participant, Session
 from experiments.store.stored import put_protocol, read_stored
 from experiments.store.verify import verify
@@ -60,11 +61,15 @@ def test_who_declines_leaves_the_answer_and_nothing_else(tmp_path: Path) -> None
     assert faults(tmp_path) == [] and any("declined" in note["note"] for note in verify(tmp_path)["notes"])
 
 
-def test_a_session_whose_participant_was_not_asked_is_not_gone_on_with(tmp_path: Path) -> None:
-    with Database(begin(tmp_path, "01", None, PAPER)) as database:
+def test_recordings_of_who_declined_and_a_missing_answer_are_named_and_not_gone_on_with(tmp_path: Path) -> None:
+    with Database(begin(tmp_path / "a", "02", NO)) as database:
+        RecordingWriter(database, ("trials", 1), "A", {}).flush()
+    assert "there are recordings of a participant who declined to take part" in faults(tmp_path / "a")
+    with Database(begin(tmp_path / "b", "01", None, PAPER)) as database:
         put_protocol(database, ASKS)
+    assert "the participant was not asked for the consent that the protocol wants" in faults(tmp_path / "b")
     with pytest.raises(InputError, match="was not asked for consent"):
-        Session.resume(tmp_path, "01", sync=False)
+        Session.resume(tmp_path / "b", "01", sync=False)
 
 
 def test_an_export_says_who_agreed_and_who_declined(tmp_path: Path) -> None:
