@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, yields
+from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, switching, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
@@ -17,6 +17,15 @@ def scene(bar, step, integrator="karnopp", wave=S1, commands=None, fidelity="ide
     simulation = Simulation(bar.device, START, fidelity=fidelity, integrator=integrator, hand=wave_hand(wave))
     simulation.body["delta_omega"][0] = delta_omega
     return simulation, simulation.run(1.0, step, yields(bar, 0.3) if commands is None else commands)
+
+
+def test_no_torque_exceeds_its_yield(bench):
+    times, values = switching(bench, 1.0)
+    simulation = Simulation(bench.device, START, hand=wave_hand(S4), integrator="karnopp")
+    rows = simulation.rows(1001, Schedule(times, values), Grid(0, 1000, 1, 1e-3))
+    row_of = np.minimum((rows[:, 0] + 1e-9) // 0.01, len(values) - 1).astype(int)
+    assert np.all(np.abs(rows[:, 5:9]) <= values[row_of] * (1 + 1e-9))
+    assert np.all(np.isfinite(rows))
 
 
 def test_brake_outside_the_band_opposes_motion_with_all_its_yield(bench):
@@ -104,3 +113,10 @@ def test_tip_never_passes_a_hard_stop(bar, push):
     assert np.all(np.isfinite(rows))
     assert simulation.ledger().lost_at_stops > 0.0
     assert stops_of(bar.device, *rows[::10, 1:3]).min() > -1e-6
+
+
+@pytest.mark.parametrize("fidelity", ["static", "mr"])
+def test_brake_models_run_under_it(bench, fidelity):
+    simulation, rows = scene(bench, 1e-3, commands=np.where(yields(bench, 1.0) > 0, 0.2, 0.0), fidelity=fidelity)
+    exact = scene(bench, 1e-3, "event", commands=np.where(yields(bench, 1.0) > 0, 0.2, 0.0), fidelity=fidelity)[1]
+    assert np.abs(rows[:, 1:3] - exact[:, 1:3]).max() < 2e-3

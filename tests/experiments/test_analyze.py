@@ -94,3 +94,14 @@ def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):
         crash_in_trial(session)
     sessions.Session.resume(tmp_path, "01", sync=False).close()
     assert list(write_pooled_table(tmp_path)["energy_residual_J"].notna()) == [True, False]
+
+
+def test_an_analysis_that_is_interrupted_leaves_no_half_of_it(study, tmp_path, monkeypatch):
+    def interrupted(data, folder, **_):
+        folder.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("experiments.study.analyze.draw_boxplots", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        analyze(study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

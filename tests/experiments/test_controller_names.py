@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from protocols import protocol_of, short
 from sessions import files, new_session, run_trials
 
 from experiments.export.export import export
-from experiments.store.files import write_pooled_table
+from experiments.store.files import pooled_rows, write_pooled_table
+from experiments.store.session import Session
 from experiments.store.verify import verify
 from experiments.study.analyze import analyze
 from tests.support.rows import read_rows
@@ -42,6 +44,19 @@ def others():
 
 
 @pytest.fixture(scope="module")
+def coded(tmp_path_factory) -> Path:
+    """A blind session: two trials done, one skipped, one redone."""
+    data = tmp_path_factory.mktemp("names") / "data"
+    session = new_session(data, protocol=others(), blind=True)
+    run_trials(session, 2)
+    session.skip("late")
+    session.redo(1, "looked away")
+    session.close()
+    write_pooled_table(data)
+    return data
+
+
+@pytest.fixture(scope="module")
 def open_data(tmp_path_factory) -> Path:
     """Three trials and a skipped one of a session whose controllers nobody hides."""
     data = tmp_path_factory.mktemp("open") / "data"
@@ -51,6 +66,12 @@ def open_data(tmp_path_factory) -> Path:
     session.close()
     write_pooled_table(data)
     return data
+
+
+def lengths(table: Path) -> set[int]:
+    """How many cells the lines of a table have."""
+    with table.open(newline="") as lines:
+        return {len(line) for line in csv.reader(lines)}
 
 
 def test_every_row_of_every_table_has_the_name_that_the_protocol_gives(open_data, tmp_path):
@@ -63,6 +84,39 @@ def test_every_row_of_every_table_has_the_name_that_the_protocol_gives(open_data
     again = [replace(row, recording="") for row in read_rows(tmp_path / "again" / "trials.csv")]
     assert again == [replace(row, recording="") for row in read_rows(open_data / "trials.csv")]
     assert verify(open_data)["faults"] == []
+
+
+def test_while_a_session_is_blind_no_file_but_key_and_protocol_has_a_name(coded, tmp_path):
+    told = b"Free hand", b"Rail, 2 mm", b"gap 2 mm"
+    for name, content in files(coded).items():
+        if not name.endswith(("session.db", ".parquet")):
+            assert not [word for word in told if word in content], name
+    for table in coded.rglob("trials.csv"):
+        assert all(row["controller_name"] == row["controller"] in ("K1", "K2") for row in rows(table))
+    outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
+    export(coded, outs)
+    for out in outs.values():
+        for name, content in files(out).items():
+            assert not [word for word in told if word in content], name
+    analyze(coded, tmp_path / "again")
+    for name, content in files(tmp_path / "again").items():
+        if not name.endswith((".png", ".pdf")):
+            assert not [word for word in told if word in content], name
+    levels = json.loads((outs["bids"] / "scans.json").read_text())["controller"]["Levels"]
+    assert set(levels.values()) == {"coded, the session is blind"} and not errors(outs["bids"])
+
+
+def test_opened_a_session_has_the_names_in_every_row_the_skipped_and_redone_ones_too(coded, tmp_path):
+    data = shutil.copytree(coded, tmp_path / "data")
+    session = Session.resume(data, "01", sync=False)
+    session.unblind("Dr Weiss")
+    session.close()
+    write_pooled_table(data)
+    for table in data.rglob("trials.csv"):
+        found = read_rows(table)
+        assert [row.controller_name for row in found] == [NAMES[row.controller] for row in found]
+        assert {row.status for row in found} == {"redone", "done", "skipped"} and len(lengths(table)) == 1
+    assert verify(data)["faults"] == [] and read_rows(data / "trials.csv") == pooled_rows(data)
 
 
 def test_the_data_dictionary_says_what_each_controller_of_the_protocol_is(open_data, tmp_path):
@@ -83,3 +137,13 @@ def test_the_data_dictionary_says_what_each_controller_of_the_protocol_is(open_d
         scanned = list(csv.DictReader(lines, delimiter="\t"))
     assert [row["controller_name"] for row in scanned] == [NAMES[int(row["controller"])] for row in scanned]
     assert not errors(outs["bids"])
+
+
+def test_two_protocols_that_number_other_controllers_alike_are_both_in_the_dictionary(open_data, tmp_path):
+    data = shutil.copytree(open_data, tmp_path / "data")
+    session = new_session(data, "02", protocol=short(paths=1))
+    run_trials(session, 5)
+    session.close()
+    export(data, {"csv": tmp_path / "csv"})
+    levels = json.loads((tmp_path / "csv" / "columns.json").read_text())["trials.csv"]["controller"]["levels"]
+    assert levels["3"] == "Free hand: none / SDOF with gap: sdof, gap 5 mm"

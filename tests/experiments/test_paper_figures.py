@@ -21,6 +21,7 @@ from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import figure_bytes
+from experiments.atomic_files import write_new_files
 from experiments.paper_figures import Drawn, draw_all, pictures, scooter
 from experiments.paper_figures.brake import brake_of, step_response, torque_as_worded, torque_with_play
 from experiments.paper_figures.control import clearest_choice, five_forces
@@ -301,3 +302,10 @@ def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_p
     ):
         assert says in refusal(capsys, "figures", *arguments)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):
+    folder = tmp_path / "a" / "b"
+    with pytest.raises(InputError, match="cannot be written"):
+        write_new_files({folder / "one.png": b"1", folder / f"{'two' * 100}.png": b"2"})
+    assert not list(tmp_path.iterdir())
