@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 
 from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_constant, torque_gain
 from core.device import load_device, without_backlash
-from core.linkage import tip_force_map
 from core.records import new_record
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import BRAKING, new_body, pack_brakes, pack_mechanism
+from core.simulator.state import BRAKING, new_body, pack_brakes
 from core.simulator.stick_slip_mode import set_costs
 
 FILE = THREE.device.brake_files["A"]
@@ -93,16 +92,6 @@ def test_lag_does_not_depend_on_the_step_at_constant_current_and_speed(current, 
 
 
 @pytest.mark.nojit
-def test_without_a_time_constant_output_equals_input():
-    brakes = pack_brakes(THREE.device.brakes, backlash=False)
-    brakes["rise"][0] = brakes["fall"][0] = 0.0
-    for start, current in ((0.35, 1.0), (5.3, 0.0), (1.0, 0.6)):
-        for rate in (0.0, 2.0):
-            assert after(current, start, rate, 1e-3, brakes[0]) == torque_gain(BRAKES, 0, current)
-            assert after(current, start, rate, 0.0, brakes[0]) == start
-
-
-@pytest.mark.nojit
 def test_inside_the_backlash_each_direction_has_its_own_yield():
     """At the upper edge the brake holds its yield against + motion and k_2 against - motion; k_2 both ways inside."""
     for edge, plus, minus in ((1.0, 4.0, 0.35), (-1.0, 0.35, 4.0), (0.0, 0.35, 0.35)):
@@ -161,14 +150,3 @@ CURRENTS = np.array([0.3, 0.1, 0.2, 0.0])
 TIMES = np.arange(0.0, 4.0, 1e-3)
 #: N; a hand that turns round again and again
 FORCE = np.column_stack([12.0 * np.sin(2.6 * np.pi * TIMES), 9.0 * np.cos(1.8 * np.pi * TIMES)])
-
-
-def test_a_shaken_device_is_never_driven_by_its_brakes():
-    simulation = Simulation(SHIPPED, (0.0, 0.4), fidelity="mr", hand=new_hand(TIMES, FORCE))
-    rows = simulation.run(1.5, 1e-3, CURRENTS)
-    ledger = simulation.ledger()
-    assert ledger.added_by_brakes == 0.0 and not ledger.warnings()
-    mechanism, g = pack_mechanism(SHIPPED.mechanism)[0], np.empty((4, 2))
-    for row in rows:
-        tip_force_map(mechanism, row[1], row[2], g)
-        assert (row[5:8] * (g @ row[3:5])[:3] < 1e-9).all()

@@ -5,14 +5,14 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from protocols import PAPER
 from synthetic_device import CURRENT_MAX, DEVICES, K, brakes_on, gain, random_mass, random_rows, rows
 
 from core.control import algorithm
 from core.control import controllers as control
-from core.control.algorithm import LOCKED, UNREACHABLE, Tick
+from core.control.algorithm import LOCKED, Tick
 from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make_controller, make_preset
 from core.control.velocity_field import WANTED, Seen, new_memory
 from core.files import InputError
@@ -65,16 +65,6 @@ def test_the_presets_of_the_papers_protocol_are_table_i_but_for_the_low_gain_in_
 
 
 @nojit
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda preset: preset.name)
-def test_a_controller_is_its_preset_made_ready_for_a_device_and_a_rule_set(preset):
-    made = make_controller(preset, FORCE, "literal")
-    assert list(ALGORITHMS)[made.algorithm] == preset.kind
-    assert made.values[: len(preset.values)] == preset.values and made.force_normalised == FORCE
-    assert made.gap_m == preset.value("gap_m")
-    assert made.rules.rest_speed == 0.0 < make_controller(preset, FORCE).rules.rest_speed
-
-
-@nojit
 @pytest.mark.parametrize(
     ("change", "force", "options"),
     [
@@ -93,21 +83,6 @@ def test_a_controller_that_cannot_be_is_refused_in_a_sentence(change, force, opt
     preset = Preset("mine", "proportional", (0.0, 5.0))._replace(**change)
     with pytest.raises(InputError, match="controller|rules"):
         make_controller(preset, force, **options)
-
-
-@nojit
-def test_each_decision_code_has_one_text_and_the_brake_codes_name_their_brake():
-    assert len(set(DECISIONS)) == len(DECISIONS)
-    assert DECISIONS[0] == "none"
-    for first in (USE_SDOF, USE_PROPORTIONAL, USE_CAPPED, USE_BELOW_DRAG, USE_BELOW_DRAG + 4, USE_BELOW_DRAG + 8):
-        assert [DECISIONS[first + i].split(",")[0][-1] for i in range(4)] == list("AEBC")
-    assert all(DECISIONS[code].startswith("lock") for code in LOCKED)
-    assert {text for code, text in enumerate(DECISIONS) if "none selected" in text or "no valid" in text} == {
-        DECISIONS[code] for code in UNREACHABLE
-    }
-    assert {DECISIONS[code] for code in algorithm.GAP} == {"gap"}
-    one = algorithm.Algorithm("mine", (), ("all brakes on", "mine {J}"), lambda *_: algorithm.OWN)
-    assert one.decisions == ("all brakes on", "mine A", "mine E", "mine B", "mine C")
 
 
 @nojit
@@ -249,15 +224,3 @@ def test_input_that_is_not_finite_releases_all_brakes_and_is_forgotten(number, w
         state[place] = wrong
         code, current = decision(controller, SEGMENT_1, *state, g, memory=memory)
         assert (code, current.any(), memory.tolist()) == (algorithm.NOT_FINITE, False, [-1.0, 1.0])
-
-
-@nojit
-@given(seed, st.floats(0.5, 3.0))
-def test_high_gain_means_the_normalised_force_from_2_mm_s_of_undesired_velocity_on(seed, factor):
-    rng = np.random.default_rng(seed)
-    g = random_rows(rng)
-    v_across = factor * FORCE / 10_000.0
-    assume(abs(factor - 1.0) > 1e-6)
-    code, _ = decision(make_controller(PRESETS[4], FORCE, "literal"), SEGMENT_1, 0, 0.4, 0.1, v_across, 5, 0, g)
-    if code >= USE_PROPORTIONAL and code < USE_BELOW_DRAG:
-        assert (code >= USE_CAPPED) == (factor > 1.0)

@@ -82,19 +82,6 @@ def test_couplings_only_dissipate_and_the_ledger_closes(bar, integrator, fidelit
 
 
 @coupled
-def test_stepping_tends_to_event(bar):
-    times, values = switching(bar, 0.3)
-
-    def end(integrator, step):
-        simulation = Simulation(bar.device, START, integrator=integrator, hand=wave_hand(S4))
-        return simulation.rows(2, Schedule(times, values), Grid(0, 1, round(0.3 / step), step))[-1, 1:3]
-
-    exact = end("event", 1e-3)
-    coarse, fine = (np.linalg.norm(end("stepping", step) - exact) for step in (1e-3, 1e-4))
-    assert fine < 0.2 * coarse and fine < 1e-4
-
-
-@coupled
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 @pytest.mark.parametrize("way", [0, 60, 90, 120, 180, 225, 270, 315])
 def test_couplings_without_torque_leave_the_motion_and_the_stops_as_they_are(bar, integrator, way):

@@ -188,7 +188,7 @@ def test_a_hand_that_pushed_too_hard_is_let_go_when_it_pulls_away(name: str) -> 
 
 def test_who_feigns_a_pull_does_not_get_in_either() -> None:
     rng = np.random.default_rng(14)
-    for _ in range(40):
+    for _ in range(25):
         task = random_task(rng, 17.0)
         came = run_reach(
             pushed_device(FOUR, task.tip), guarded(FOUR, task.obstacle, Guard(push_N=17.0)), task.forces, feigns=True

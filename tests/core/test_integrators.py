@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from devices import S1, S4, FiveBar, slope, switching, yields
+from devices import S1, S4, FiveBar, switching, yields
 
 from core.device import without_backlash
 from core.simulator.hand import wave_hand
 from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
-from experiments.benchmark.ten_coordinates import HANDLE, bodies_of, coordinates, rates, solve
 
 START = (0.05, 0.40)
 SCENES = ("S1", "S2", "S4")
@@ -72,14 +71,6 @@ def test_lagging_brakes_are_as_exact_as_others_at_any_step(bench, scene):
     assert errors[1e-3] <= (1e-7 if wild else 1e-8) and max(errors.values()) <= (3e-6 if wild else 2e-8), errors
 
 
-@pytest.mark.parametrize("scene", SCENES)
-def test_energy_residual_falls_with_the_step(bench, scene):
-    coarse, fine = (abs(run(bench, scene, h)[1].residual) for h in (2.5e-3, 5e-4))
-    assert coarse < 1e-6 and fine < max(coarse / 200, 1e-13)
-    coarse, fine = (abs(run(bench, scene, h, 0.5, "stepping")[1].residual) for h in (1e-3, 1e-4))
-    assert fine < 0.15 * coarse
-
-
 @pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 def test_a_run_in_pieces_equals_one_run(bench, integrator, fidelity):
@@ -112,18 +103,3 @@ def test_a_command_inside_a_step_splits_it(bench, integrator):
     late = Simulation(bench.device, START, integrator=integrator, hand=hand)
     held = late.rows(41, Schedule(np.array([0.0, 0.011, 0.021]), values), Grid(0, 40, 1, 1e-3))
     assert np.abs(held[:, 1:3] - fine[:, 1:3]).max() > 1e-6  # the split is seen: not the same as at the next edge
-
-
-def test_forces_at_the_row_are_the_forces_of_the_motion(bench):
-    """M a + b = F + sum of g_i tau_i with the torques of the rows, a by differences of the velocity."""
-    simulation = Simulation(bench.device, START, hand=wave_hand(S1))
-    rows = simulation.rows(401, Schedule(HOLDS, yields(bench, 0.3, A=5.6)[None]), Grid(0, 400, 1, 1e-4))
-    wave = simulation.hand.grips["wave"][0]
-    for k in range(20, 380, 40):
-        t, p, v, torque = rows[k, 0], rows[k, 1:3], rows[k, 3:5], rows[k, 5:9]
-        force = wave[:, 0] * np.sin(wave[:, 1] * t + wave[:, 2])
-        measured = slope(lambda x, k=k: rows[k + round(x[0]), 3:5], np.zeros(1), np.ones(1), 1.0) / 1e-4
-        if len(set(rows[k - 2 : k + 3, 9])) == 1:
-            bodies, q = bodies_of(bench.device), coordinates(bench.device, p)
-            found = solve(bodies, q, rates(bodies, q, v), force, torque).acceleration[HANDLE:]
-            assert found == pytest.approx(measured, abs=1e-4)

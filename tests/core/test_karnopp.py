@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, switching, yields
+from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Grid, Schedule, Simulation
+from core.simulator.simulation import Simulation
 from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
@@ -17,15 +17,6 @@ def scene(bar, step, integrator="karnopp", wave=S1, commands=None, fidelity="ide
     simulation = Simulation(bar.device, START, fidelity=fidelity, integrator=integrator, hand=wave_hand(wave))
     simulation.body["delta_omega"][0] = delta_omega
     return simulation, simulation.run(1.0, step, yields(bar, 0.3) if commands is None else commands)
-
-
-def test_no_torque_exceeds_its_yield(bench):
-    times, values = switching(bench, 1.0)
-    simulation = Simulation(bench.device, START, hand=wave_hand(S4), integrator="karnopp")
-    rows = simulation.rows(1001, Schedule(times, values), Grid(0, 1000, 1, 1e-3))
-    row_of = np.minimum((rows[:, 0] + 1e-9) // 0.01, len(values) - 1).astype(int)
-    assert np.all(np.abs(rows[:, 5:9]) <= values[row_of] * (1 + 1e-9))
-    assert np.all(np.isfinite(rows))
 
 
 def test_brake_outside_the_band_opposes_motion_with_all_its_yield(bench):
@@ -83,15 +74,6 @@ def test_motion_tends_to_that_of_the_exact_solver_as_step_and_band_shrink(bench)
     assert errors[2] < 5e-5
 
 
-def test_one_locked_brake_guides_the_tip_along_its_path(bench):
-    exact = scene(bench, 1e-3, "event", commands=yields(bench, 0.3, A=5.6))[1]
-    simulation, rows = scene(bench, 1e-3, commands=yields(bench, 0.3, A=5.6))
-    assert np.ptp(rows[:, 1]) > 0.01
-    assert np.abs(rows[:, 1:3] - exact[:, 1:3]).max() < 2e-3
-    angle = np.array([bench.angles(p)[0] for p in rows[::20, 1:3]])
-    assert np.abs(angle - angle[0]).max() < DELTA_OMEGA
-
-
 @pytest.mark.parametrize("wave, locked", [(S1, {}), (S1, {"A": 5.6}), (S4, {"A": 5.6, "B": 5.6})])
 def test_brakes_add_no_energy_beyond_what_the_band_allows(bench, wave, locked):
     """Inside the band a stuck brake may push with the motion: at most yield x band. Nowhere else."""
@@ -113,10 +95,3 @@ def test_tip_never_passes_a_hard_stop(bar, push):
     assert np.all(np.isfinite(rows))
     assert simulation.ledger().lost_at_stops > 0.0
     assert stops_of(bar.device, *rows[::10, 1:3]).min() > -1e-6
-
-
-@pytest.mark.parametrize("fidelity", ["static", "mr"])
-def test_brake_models_run_under_it(bench, fidelity):
-    simulation, rows = scene(bench, 1e-3, commands=np.where(yields(bench, 1.0) > 0, 0.2, 0.0), fidelity=fidelity)
-    exact = scene(bench, 1e-3, "event", commands=np.where(yields(bench, 1.0) > 0, 0.2, 0.0), fidelity=fidelity)[1]
-    assert np.abs(rows[:, 1:3] - exact[:, 1:3]).max() < 2e-3

@@ -6,10 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-from numba.core.errors import NumbaError
-
-from core.kernels import INTERPRETED, cache, kernel
+from core.kernels import kernel
 from core.kernels.cache import source_hash
 from core.kernels.compiler import identity
 
@@ -55,19 +52,6 @@ def run(tree: Path, code: str) -> str:
     return done.stdout
 
 
-def test_kernels_of_every_package_count(tmp_path):
-    tree = small_tree(tmp_path)
-    (tree / "app").mkdir()
-    (tree / "app" / "loop.py").write_text("from app.numbers import N\nif N:\n    @kernel\n    def f(): ...\n")
-    (tree / "app" / "numbers.py").write_text("N = 1\n")
-    (tree / "app" / "window.py").write_text("import app.loop\n")
-    before = source_hash(tree)
-    (tree / "app" / "window.py").write_text("import app.loop\nX = 1\n")
-    assert source_hash(tree) == before
-    (tree / "app" / "numbers.py").write_text("N = 2\n")
-    assert source_hash(tree) != before
-
-
 def test_a_changed_kernel_file_or_constant_never_serves_stale_code(tmp_path):
     tree = small_tree(tmp_path)
     assert answer(tree) == "False 11.0 True"
@@ -106,13 +90,3 @@ def test_a_kernel_is_another_one_where_what_it_calls_or_a_number_that_it_names_i
     known = told_by("2.0 * x")
     assert told_by("2.0 * x") == known
     assert len({known, told_by("3.0 * x"), told_by("2.0 + x"), told_by("2.0 * x", 20.0)}) == 4
-
-
-@pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
-def test_who_watches_a_compilation_is_told_its_end_where_it_fails_too(monkeypatch):
-    told: list[str] = []
-    monkeypatch.setattr(cache, "watchers", [lambda _number, _of, name: told.append(name)])
-    monkeypatch.setattr("core.kernels.compiler.watchers", cache.watchers)
-    with pytest.raises(NumbaError):
-        kernel(lambda x: x.nothing)(1.0)
-    assert told[-1] == "" and len(told) > 1

@@ -115,21 +115,6 @@ def test_what_is_not_this_users_own_folder_is_not_used_and_said(
 
 
 @posix
-def test_where_there_is_no_place_for_a_cache_kernels_are_not_kept(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for home_less in ({"XDG_CACHE_HOME": "relative/place"}, {"XDG_CACHE_HOME": "", "HOME": "relative"}):
-        for name, value in home_less.items():
-            monkeypatch.setenv(name, value)
-        assert place() == Place(None, "this user has no folder for caches")
-
-
-@posix
-def test_kernels_on_a_disk_that_can_only_be_read_are_used(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert place().folder is not None  # made while it could be written
-    monkeypatch.setattr(old_versions.os, "utime", lambda *_: os.open("/nowhere/at/all", os.O_RDONLY))
-    assert place().folder == home / cache.source_hash() and not cache.problems
-
-
-@posix
 def test_a_new_version_removes_the_folders_of_others_that_were_not_used_for_sixty_days_and_are_not_in_use(home: Path):
     unused, in_use, lately = folders = [home / name for name in ("unused", "in use", "lately")]
     for folder, days in zip(folders, (61, 61, 59), strict=True):
@@ -171,19 +156,6 @@ def test_no_file_is_read_that_is_not_as_it_was_kept(kept: Path) -> None:
     assert cache.problems["file"] == len(pieces) + len(flipped) + len(others)
     write_file(kept, b"again")
     assert read_file(kept) == b"again"
-
-
-def test_where_files_have_no_owners_the_checksum_decides_alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on Windows, whose folder for caches is private by its place."""
-    monkeypatch.setattr(cache, "_USERS", False)
-    monkeypatch.delattr(cache.os, "fchmod", raising=False)
-    monkeypatch.delattr(cache.os, "geteuid", raising=False)
-    folder = place().folder
-    assert folder is not None and folder.parent == home
-    write_file(folder / "core" / "one.kernel", b"code")
-    assert read_file(folder / "core" / "one.kernel") == b"code"
-    flip_a_bit(folder / "core" / "one.kernel")
-    assert read_file(folder / "core" / "one.kernel") is None
 
 
 @posix
@@ -246,12 +218,3 @@ def test_what_was_planted_is_compiled_again_and_never_unpickled(tmp_path: Path) 
     answer, said = run(tree)
     assert answer == COMPILED and not (tmp_path / "mark").exists()
     assert said.count("\n") == 1 and "compiled again" in said and str(tree / "cache") in said
-
-
-def test_without_the_users_cache_each_process_compiles_for_itself_and_says_so_once(tmp_path: Path) -> None:
-    tree = small_tree(tmp_path / "tree")
-    (tree / "cache").touch()  # nothing can be kept there
-    for _ in range(2):
-        answer, said = run(tree)
-        assert answer == COMPILED
-        assert said.count("\n") == 1 and "each process compiles its own" in said

@@ -16,7 +16,6 @@ from core.control.proportional import (
     force_direction,
     influence,
     joint_sense,
-    priority,
 )
 from core.control.rule_sets import LITERAL, SETTLED
 from core.control.velocity_field import Field, Seen, new_memory
@@ -44,12 +43,6 @@ def test_settled_2_a_slow_joint_takes_the_sense_in_which_a_felt_hand_would_turn_
     assert joint_sense(-0.021, 3.0, False, SETTLED.still_rate) == -1.0
 
 
-def test_literally_only_the_rate_counts_and_a_joint_at_rest_is_no_candidate():
-    assert joint_sense(1e-12, -3.0, True, LITERAL.still_rate) == 1.0
-    assert joint_sense(-1e-12, 3.0, True, LITERAL.still_rate) == -1.0
-    assert joint_sense(0.0, 3.0, True, LITERAL.still_rate) == 0.0
-
-
 @pytest.mark.parametrize("rules", [SETTLED, LITERAL])
 def test_a_component_below_a_fiftieth_of_the_force_has_no_effect(rules):
     for small, effect in ((0.0199, 0), (0.0201, 1)):
@@ -63,12 +56,6 @@ def test_a_component_below_a_fiftieth_of_the_force_has_no_effect(rules):
                 1,
                 effect,
             )
-
-
-def test_only_brakes_that_slow_the_undesired_component_are_ranked_and_those_that_help_come_first():
-    ranked = sorted(((x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)), key=lambda h: -priority(*h))
-    assert ranked[:3] == [(1, -1), (0, -1), (-1, -1)]
-    assert [priority(*h) for h in ranked[3:]] == [0] * 6
 
 
 @given(seed, angle, angle, st.floats(0.0, 0.4), rule_sets, st.sampled_from(["AEBC", "AEB", "C"]))

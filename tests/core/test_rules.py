@@ -75,14 +75,6 @@ def test_settled_1_a_hand_is_felt_above_half_a_newton(force, felt):
     assert (code >= USE_PROPORTIONAL) == felt
 
 
-def test_settled_1_a_hand_along_the_path_starts_where_literally_it_stays_locked():
-    f = (38.0, 0.01)  # along the path, outward by a hair: a tip at rest left of the path
-    code, current = decision(make_controller(PRESETS[4], FORCE, "literal"), 0.0, 0.402, (0, 0), f)
-    assert code in LOCKED and current[[0, 1, 2]].tolist() == [1, 1, 1]
-    code, current = decision(make_controller(PRESETS[4], FORCE), 0.0, 0.402, (0, 0), f)
-    assert code >= USE_PROPORTIONAL and np.count_nonzero(current) <= 1
-
-
 @given(angle, st.floats(0.51, 40.0), st.floats(0.01, 0.2), st.sampled_from([0, 1, 2]))
 def test_settled_2_the_noise_of_a_stuck_joints_rate_does_not_decide(push, force, speed, stuck):
     g = rows("three-brake", 0.01, 0.42)

@@ -1,7 +1,5 @@
 """Never silently wrong: whatever the step, a result is right to a millimetre or carries a warning."""
 
-import math
-
 import numpy as np
 import pytest
 from devices import BRAKE_TEXT, THREE
@@ -134,26 +132,6 @@ def test_a_pulse_of_force_between_two_steps_is_felt(step):
     ]
     assert np.abs(tips[1][-1] - (0.05, 0.40)).max() > 1e-3
     assert np.abs(tips[0] - tips[1]).max() < 1e-6
-
-
-def test_a_force_table_on_the_steps_or_coarser_splits_none():
-    times = np.arange(0.0, 1.01, 5e-3)
-    hand = new_hand(times, np.stack([10 * np.sin(9 * times), 8 * np.cos(7 * times)], axis=1))
-    simulation = Simulation(THREE.device, (0.05, 0.40), hand=hand)
-    simulation.run(1.0, 1e-3, (0.3, 0.3, 0.3, 0.0))
-    assert simulation.ledger().steps == 1000
-
-
-@pytest.mark.parametrize("step", [1e-3, 1e-2, 2e-2])
-@pytest.mark.parametrize("seed", range(4))
-def test_stepping_stays_finite_near_singular_positions(seed, step):
-    rng = np.random.default_rng(seed)
-    device = five_bar(rng, False, 0.005, "AEBC")
-    times = np.arange(0.0, 1.01, 0.03)
-    hand = new_hand(times, rng.uniform(-100.0, 100.0, (len(times), 2)))
-    simulation = Simulation(device, free_place(device, rng), (0.0, 0.0), "static", "stepping", hand)
-    tips = tips_every_20_ms(simulation, 1.0, step, (0.5, 0.0, 0.0, 0.3))
-    assert np.all(np.isfinite(tips)) and math.isfinite(simulation.ledger().residual)
 
 
 def test_energy_that_karnopp_creates_is_warned_of():

@@ -10,8 +10,6 @@ from paths import curves, point, segments
 from core.control.rule_sets import LITERAL, SETTLED
 from core.control.velocity_field import (
     PIECE,
-    SIDE,
-    TRAVEL,
     Seen,
     desired_direction,
     field_at,
@@ -69,13 +67,6 @@ def test_a_push_along_the_path_sets_the_travel_sense_and_the_field_never_opposes
     assert along >= (0.0 if rules is LITERAL else -rules.turn_force) - 1e-12
 
 
-def test_literally_the_travel_sense_is_the_sign_of_the_force_along_and_kept_at_zero_force():
-    for last in (1.0, -1.0):
-        assert travel_sense(last, 1e-9, -0.3, LITERAL) == 1.0
-        assert travel_sense(last, -1e-9, 0.3, LITERAL) == -1.0
-        assert travel_sense(last, 0.0, 0.3, LITERAL) == last
-
-
 @given(st.sampled_from([1.0, -1.0]), st.floats(-40, 40), st.floats(-0.5, 0.5))
 def test_settled_4_the_travel_sense_turns_only_for_a_clear_push_that_the_motion_does_not_contradict(last, f, v):
     sense = travel_sense(last, f, v, SETTLED)
@@ -99,14 +90,6 @@ def test_rounding_does_not_choose_the_side_of_a_tip_on_the_path(path, share, sid
     x = path.x0 + share * (path.x1 - path.x0)
     y = path.y0 + share * (path.y1 - path.y0)
     assert side_of_path(side, nearest(path, x, y)[1], 1.0, SETTLED) == side
-
-
-def test_memory_holds_travel_sense_and_side_of_the_last_tick():
-    path = line((-0.1, 0.4), (0.1, 0.4))
-    memory = new_memory()
-    assert memory[TRAVEL] == 1.0, "a trial begins towards the end"
-    field_at(path, memory, Seen(0.0, 0.37, 0.0, 0.0, -5.0, 0.0), SETTLED)
-    assert (memory[TRAVEL], memory[SIDE], memory[PIECE]) == (-1.0, -1.0, 0.0)
 
 
 @given(curves, st.floats(0.0, 1.0), st.floats(-0.002, 0.002), st.sampled_from([1.0, -1.0]))

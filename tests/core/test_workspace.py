@@ -104,17 +104,6 @@ def test_a_device_without_a_tip_position_is_refused_and_the_sentence_names_its_s
     assert ("of room" not in str(said.value)) == certain
 
 
-def test_a_single_pose_is_refused_for_having_no_room():
-    """Stops that meet in one tip position only: the sentence does not say that there is none."""
-    mechanism = mechanism_of(FiveBar())
-    theta = joint_angles(mechanism, np.array(0.02), np.array(0.4))
-    stops = {j: (float(theta[i]), float(theta[i]) + 0.1) for i, j in enumerate("AE")}
-    stops |= {"B": (float(theta[2]), float(theta[2]) + 1e-9)}
-    stops |= {"C": (float(theta[3]) - 1e-9, float(theta[3]) + 1e-9)}
-    with pytest.raises(InputError, match="close within .* and the tip has 20 um of room"):
-        _ = with_stops(FiveBar(), stops).device
-
-
 @pytest.mark.parametrize("name", shipped_devices())
 def test_the_tips_found_spread_over_the_whole_workspace(name):
     """Against a grid of the plane: no free tip is further than 2 cm from one of those found."""

@@ -13,7 +13,6 @@ from core.files import InputError
 from core.path import build_path
 from experiments.analysis.chart_figures import chart_figure
 from experiments.analysis.charts import (
-    LEAST_IN_A_BOX,
     ORDER,
     PERSON,
     POOLED,
@@ -31,8 +30,7 @@ from experiments.analysis.sheet import colour_of
 from experiments.analysis.trials_table import as_table
 from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
-from experiments.export.results_files import lateness_causes, session_lines, write_results
-from experiments.store.cells import trial_names
+from experiments.export.results_files import session_lines, write_results
 from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
 from experiments.study.playback import device_of, read_playback
@@ -94,14 +92,6 @@ def test_what_does_not_count_is_grey_and_in_no_box():
     assert "1 trial excluded by the experimenter" in left_out(as_table(rows))
 
 
-def test_fewer_than_five_trials_have_no_box():
-    rows = [row for row in study() if row.controller == 2 and row.configuration == "three-brake"]
-    for count in (LEAST_IN_A_BOX - 1, LEAST_IN_A_BOX):
-        chart = charts(POOLED, as_table(rows[:count]), VIEW)[0]
-        assert len(chart.points) == count and len(chart.boxes) == (count == LEAST_IN_A_BOX)
-    assert "Boxes need at least 5 trials." in legend(charts(POOLED, as_table(rows[:4]), VIEW)[0], VIEW)
-
-
 def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_participants_apart():
     rows = [replace(row, controller=f"K{row.controller}") for row in study()]
     one = charts(POOLED, as_table([row for row in rows if row.participant == "01"]), VIEW)[0]
@@ -137,12 +127,6 @@ def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controll
     coded = [replace(row, controller=f"K{row.controller}") for row in rows]
     assert coloured(charts(page, as_table(coded), view), view) == {}
     assert not chart_figure(charts(page, as_table(coded), view)[0], as_table(coded), "", view).legends
-
-
-def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
-    rows = [with_measures(row, path_error_m=1e-3 * row.run) for row in study() if row.participant == "01"]
-    curve = dict(charts(ORDER, as_table(rows), VIEW)[0].curve)
-    assert curve[30.0] == pytest.approx(30.0) and curve[1.0] == pytest.approx(3.5)
 
 
 def test_answers_stand_by_question_and_device():
@@ -218,28 +202,6 @@ def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(d
     assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_repeated_trial_keeps_the_name_of_the_first_on_charts_and_in_the_report():
-    rows = study()[:60]
-    again = [replace(rows[3], run=61), replace(rows[3], run=62)]
-    named = trial_names([*again, *rows])
-    assert named["01", 4] == "trial 4" and named["01", 61] == "trial 4, second try"
-    assert named["01", 62] == "trial 4, third try" and named["01", 60] == "trial 60"
-    chart = charts(ORDER, as_table([*rows, *again]), VIEW._replace(trials=named))[0]
-    assert sum(" · trial 4, second try · " in point.text for point in chart.points) == 1
-
-
-def test_a_report_says_whose_fault_late_ticks_are_and_what_is_not_known():
-    known = {"stolen_ms": 20.0, "waited_ms": 1.6, "switches": 3, "tick_max_us": 30.0}
-    assert lateness_causes([known, known | {"tick_max_us": 40.0}]) == (
-        "Time that the host of a virtual machine kept from the loop: 40 ms. Time that the loop waited for a processor "
-        "core: 3 ms; times that its core was taken from it: 6. The longest tick itself: 40 µs."
-    )
-    assert lateness_causes([known, known | {"stolen_ms": None}]).startswith(
-        "Time that the host of a virtual machine kept from the loop: not known. "
-    )
-    assert lateness_causes([known, {}]).count("not known") == 4, "a recording of an earlier version"
-
-
 def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_path(data):
     path = data / "sub-01" / "ses-01" / "trials" / "run-003.parquet"
     trial, recording = read_playback(path), read_recording(path)
@@ -253,23 +215,5 @@ def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_pa
     away = along_path(tip, build_path(PAPER.paths[trial.row.segment], "path"))[1]
     assert np.abs(trial.error[moving][1:] - away[:-1]).max() < 40e-6  # m: seen a tick late, in whole counts
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
-
-
-def test_a_recording_of_a_device_that_its_session_lacks_is_refused(data):
-    session = data / "sub-01" / "ses-01"
-    recording = read_recording(session / "trials" / "run-003.parquet")
-    assert device_of(recording, read_stored(session)).name == recording.metadata["configuration"]
     with pytest.raises(InputError, match="its session has no device 'seven-brake'"):
-        device_of(replace(recording, metadata={"configuration": "seven-brake"}), read_stored(session))
-
-
-def test_four_devices_are_drawn_in_four_ways_and_the_legend_names_them():
-    devices = ("one", "two", "three", "four")
-    of_one = [row for row in study() if row.configuration == DEVICES[0]]
-    view = VIEW._replace(configurations=devices)
-    trials = as_table(replace(row, configuration=device) for row in of_one for device in devices)
-    chart = charts(POOLED, trials, view)[0]
-    assert {(placed.configuration, placed.look) for placed in chart.boxes} == set(zip(devices, range(4), strict=True))
-    assert legend(chart, view)[:4] == ["Filled: one.", "Open: two.", "Hatched: three.", "Dotted: four."]
-    five = VIEW._replace(configurations=(*devices, "five"))
-    assert legend(chart, five)[0] == "Filled: one and five."
+        device_of(replace(recording, metadata={"configuration": "seven-brake"}), read_stored(path.parents[1]))

@@ -21,7 +21,7 @@ from sessions import closed_session, crash_in_trial, files, new_session, run
 from app.cli import main
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, row_of
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, row_of
 from experiments.export.export import CsvTables, export
 from experiments.export.files import recording_column
 from experiments.recording import Sensors, recording_columns
@@ -113,18 +113,6 @@ def test_what_the_protocol_says_of_the_data_set_stands_in_it_and_the_validator_n
     with pytest.raises(InputError, match=r"their protocols differ in \[export\]"):
         export(data, {"bids": tmp_path / "both"})
     assert not (tmp_path / "both").exists()
-
-
-def test_authors_and_licence_of_the_command_are_kept_for_the_next_export(study, tmp_path):
-    def described(*options: str) -> dict:
-        out = tmp_path / f"bids-{len(list(tmp_path.iterdir()))}"
-        assert main(["export", str(study), "--bids", str(out), *options]) == 0
-        about = json.loads((out / "dataset_description.json").read_text())
-        return {key: about.get(key) for key in ("Authors", "License")}
-
-    said = {"Authors": ["A. Author", "B. Author"], "License": "CC0-1.0"}
-    assert described("--author", "A. Author", "--author", "B. Author", "--licence", "CC0-1.0") == said
-    assert described("--author", "C. Author") == {"Authors": ["C. Author"], "License": "CC0-1.0"} == described()
 
 
 def test_shifted_dates_lie_before_1925_and_keep_time_of_day_and_what_is_between(study, exported, tmp_path, capsys):
@@ -224,13 +212,6 @@ def test_the_tables_hold_the_rows_of_the_study(study, exported):
     assert people == {"sub-01": "operator", "sub-p7": "mouse"}
 
 
-def test_file_names_hold_device_and_run_and_nothing_of_the_controller(exported):
-    names = sorted(path.name for path in exported["bids"].rglob("*_motion.tsv"))
-    tail = [name.split("_task-")[1] for name in names]
-    assert tail[0].startswith("pathfollow_tracksys-fivebar_acq-") and tail[0].endswith("_run-01_motion.tsv")
-    assert tail[3] == "pathfollow_tracksys-fivebar_acq-myfivebar2_run-104_motion.tsv"
-
-
 def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(exported):
     # longer ends first: they hold shorter ones
     units = {"_N_per_m": "N/m", "_N_m": "N m", "_m_s2": "m/s^2", "_m_s": "m/s", "_us": "us"}
@@ -265,21 +246,6 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
         assert all(entry in (out / "README.md").read_text() for out in outs.values())
     assert [r.run for r in read_rows(outs["csv"] / "trials.csv")] == [1, 104]
     assert not [name for name in files(outs["bids"]) if "run-02" in name or "run-03" in name]
-
-
-def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_says(study, tmp_path):
-    folder = shutil.copytree(study, tmp_path / "copy")
-    empty = TrialRow("01", 50, 1, "three-brake", 1, 1, 1, "aborted")
-    with Database(folder / SESSION) as database:
-        put_row(database, replace(rows_of(folder / SESSION)[0], status="redone"), 1)
-        add_row(database, empty)
-    out = tmp_path / "csv"
-    export(folder, {"csv": out})
-    rows = read_rows(out / "trials.csv")
-    assert [r.run for r in rows] == [1, 2, 3, 50, 104]
-    assert [r.status for r in rows] == ["redone", "done", "done", "aborted", "timeout"]
-    assert rows[3].recording == ""
-    assert json.loads((out / SESSION / "run-001.json").read_text())["outcome"]["status"] == "redone"
 
 
 def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
@@ -409,3 +375,15 @@ def test_hand_and_device_of_a_recording_stand_in_its_export(tmp_path: Path, kind
     levels = json.loads((bids / "participants.json").read_text())["hand"]["Levels"]
     assert list(levels) == [hand] and words in levels[hand]
     assert kind not in ("hid", "serial A17") or not errors(bids)  # the others have no other files
+
+
+def test_authors_and_licence_of_the_command_are_kept_for_the_next_export(study, tmp_path):
+    def described(*options: str) -> dict:
+        out = tmp_path / f"bids-{len(list(tmp_path.iterdir()))}"
+        assert main(["export", str(study), "--bids", str(out), *options]) == 0
+        about = json.loads((out / "dataset_description.json").read_text())
+        return {key: about.get(key) for key in ("Authors", "License")}
+
+    said = {"Authors": ["A. Author", "B. Author"], "License": "CC0-1.0"}
+    assert described("--author", "A. Author", "--author", "B. Author", "--licence", "CC0-1.0") == said
+    assert described("--author", "C. Author") == {"Authors": ["C. Author"], "License": "CC0-1.0"} == described()

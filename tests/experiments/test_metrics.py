@@ -31,7 +31,6 @@ from experiments.analysis.movement import (
     weighted_amplitudes,
     without_ramp,
 )
-from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
 from experiments.recording import Recording, Sensors, recording_of
 from experiments.store.recording import read_recording
@@ -63,13 +62,6 @@ def measured(recording, path=PATH):
     return SimpleNamespace(**metrics.trial_metrics(recording, path))
 
 
-def test_what_each_figure_shows_is_the_definition_of_one_thing():
-    assert [metric.stands_for for metric in metrics.DRAWN] == ["accuracy", "force", "smoothness"]
-    assert [metric.name for metric in metrics.DRAWN] == [names[0] for names in DEFINITIONS.values()]
-    assert set(metrics.DRAWN) < set(metrics.FIGURES)
-    assert all(metric.compared for metric in metrics.FIGURES)
-
-
 ARC = build_path(Arc((0.0, 0.3), 0.1, 150.0, 30.0), "arc")
 CORNER = build_path(Polyline(((-0.1, 0.3), (0.0, 0.3), (0.0, 0.4))), "corner")
 SHARES = np.linspace(0.0, 1.0, MOVE_TO - MOVE_FROM)
@@ -91,11 +83,6 @@ def test_a_constant_offset_is_the_path_error_however_it_is_averaged(path, longer
     assert result.peak_error_m == pytest.approx(0.003, rel=1e-9)
     assert result.path_length_ratio == pytest.approx(1.0 + side * longer, rel=1e-5), "left of a clockwise arc: outside"
     assert result.duration_s == 3.999
-
-
-def test_the_height_of_an_arc_over_its_chord_is_the_peak_error_on_the_chord():
-    straight = measured(moved(ARC), line((ARC.x0, ARC.y0), (ARC.x1, ARC.y1)))
-    assert straight.peak_error_m == pytest.approx(0.05, rel=1e-6)
 
 
 @pytest.mark.parametrize("path", [PATH, ARC], ids=["straight", "arc"])
@@ -129,14 +116,6 @@ def test_over_time_the_error_beyond_an_end_is_the_distance_from_that_end_and_not
     result = measured(hand_made(*held), path)
     assert result.path_error_m == pytest.approx(0.0, abs=1e-12)
     assert result.path_error_time_m == pytest.approx(0.02 / 4, rel=1e-3)
-
-
-def test_way_beyond_the_ends_has_no_weight():
-    ticks = np.arange(5200) - MOVE_FROM
-    x = np.interp(ticks, [0, 500, 3000, 3999], [-0.12, -0.1, 0.1, 0.15])
-    y = np.select([ticks < 500, ticks <= 3000], [0.5, 0.401], 0.5)
-    result = measured(hand_made(x=x, y=y))
-    assert result.path_error_m == pytest.approx(0.001, rel=3e-2) and result.peak_error_m == pytest.approx(0.1)
 
 
 def test_round_a_corner_progress_runs_through_and_a_cut_corner_counts_with_its_length():
@@ -192,27 +171,12 @@ def test_unreachable_share_counts_felt_ticks_without_a_brake_and_leaves_the_gap_
     assert measured(all_gap).unreachable_share is None
 
 
-def test_a_timeout_keeps_what_was_measured_over_the_progress_made():
-    ticks = np.arange(5200) - MOVE_FROM
-    x = -0.1 + 0.2 * np.clip(ticks / 3999, 0.0, 0.3)  # stuck after a third of the way
-    y = 0.4 + np.where(ticks < 0.3 * 3999, 0.002, 0.02)
-    result = measured(hand_made(x=x, y=y))
-    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
-    assert result.path_length_ratio == pytest.approx((0.06 + 0.018) / 0.2, rel=1e-2)
-
-
 def test_without_progress_the_measures_of_the_movement_are_empty_and_never_zero():
     for x in (np.full(5200, -0.1), -0.1 - 1e-5 * np.arange(5200), np.full(5200, -0.13)):
         result = measured(hand_made(x=x, HAND_FX=3.0, CURRENT=1.0))
         assert result.path_error_m is None and result.force_over_progress_N is None and result.sparc is None
         assert result.acceleration_dft_sum is None and result.path_length_ratio is None
         assert result.mean_tip_force_N == 3.0 and result.duration_s == 3.999
-
-
-def test_a_trial_that_never_came_to_move_has_no_measures():
-    recording = hand_made()
-    recording.columns["phase"][:] = tick_log.HOLD
-    assert metrics.trial_metrics(recording, PATH) == dict.fromkeys(metrics.BY_NAME)
 
 
 @pytest.mark.parametrize("name", ["tip_x_m", "hand_fy_N", "current_E_A", "tip_vx_m_s"])
@@ -349,23 +313,6 @@ def test_acceleration_of_the_tip_is_that_of_a_slow_motion_and_forgets_steps_of_a
     assert tip_acceleration(tip[:10]) is None
 
 
-def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
-    """OpenBLAS shares out a dot product over more than 10,000 ticks among threads: none is taken of ticks."""
-    code = (
-        "from experiments.analysis.movement import amplitude_rms, mean_over_progress; import numpy as np; "
-        "r = np.random.default_rng(1); progress = np.cumsum(r.random(50_000)); "
-        "print([(mean_over_progress(v, progress), amplitude_rms(v)) for v in r.random((5, 50_000))])"
-    )
-    found = {
-        subprocess.run(
-            [sys.executable, "-c", code], env=os.environ | {"OPENBLAS_NUM_THREADS": threads}, cwd=ROOT,
-            capture_output=True, text=True, check=True,
-        ).stdout
-        for threads in ("1", "2", "4")
-    }  # fmt: skip
-    assert len(found) == 1 and found != {""}
-
-
 def test_sparc_agrees_with_monalysa():
     smoothness = pytest.importorskip("monalysa.quality.smoothness")
     generator = np.random.default_rng(5)
@@ -401,3 +348,20 @@ def test_of_a_controller_that_never_braked_shares_and_rates_are_0_and_without_co
         recording.metadata.update({} if kind is None else {"preset": {"name": "", "kind": kind}})
         found[kind] = {getattr(measured(recording), name) for name in names}
     assert found == {"none": {None}, "reflect": {0.0}, None: {None}}
+
+
+def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
+    """OpenBLAS shares out a dot product over more than 10,000 ticks among threads: none is taken of ticks."""
+    code = (
+        "from experiments.analysis.movement import amplitude_rms, mean_over_progress; import numpy as np; "
+        "r = np.random.default_rng(1); progress = np.cumsum(r.random(50_000)); "
+        "print([(mean_over_progress(v, progress), amplitude_rms(v)) for v in r.random((5, 50_000))])"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | {"OPENBLAS_NUM_THREADS": threads}, cwd=ROOT,
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for threads in ("1", "2", "4")
+    }  # fmt: skip
+    assert len(found) == 1 and found != {""}

@@ -15,19 +15,15 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from core.device import build_device
-from core.files import InputError
-from core.linkage import tip_force_map
 from core.mechanism import JOINTS
 from core.workspace import tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import figure_bytes
-from experiments.atomic_files import write_new_files
-from experiments.paper_figures import Drawn, draw_all, pictures, scooter
-from experiments.paper_figures.brake import brake_of, step_response, torque_as_worded, torque_with_play
+from experiments.paper_figures import Drawn, draw_all, pictures
+from experiments.paper_figures.brake import brake_of, step_response, torque_with_play
 from experiments.paper_figures.control import clearest_choice, five_forces
 from experiments.paper_figures.directions import (
     achievable_span,
-    force_lines,
     gaps,
     mean_unachievable,
     worst_unachievable,
@@ -36,7 +32,6 @@ from experiments.paper_figures.displays import displays, measure_display
 from experiments.paper_figures.spring_release import RELEASE_S, places, release
 from experiments.paper_figures.workspace import sdof_family, workspace_of
 from experiments.protocol import load_protocol
-from experiments.simulate.cobot_scene import CobotRun
 
 DEVICES = {bar.name: bar for bar in (THREE, FOUR)}
 devices = pytest.mark.parametrize("bar", DEVICES.values(), ids=DEVICES)
@@ -55,26 +50,6 @@ def test_worst_and_mean_are_those_over_all_directions_of_velocity(lines):
     if gaps(lines).max() > 0.01:
         assert max(left) == pytest.approx(float(worst_unachievable(lines)))
     assert np.mean(left) == pytest.approx(float(mean_unachievable(lines)), abs=0.03)
-
-
-@given(lines_of_force, st.floats(0.0, math.pi))
-def test_one_more_brake_never_leaves_more_out_of_reach(lines, another):
-    for measure in (worst_unachievable, mean_unachievable):
-        assert measure([*lines, another]) <= measure(lines) + 1e-12
-    assert math.pi - 1e-12 <= mean_unachievable(lines) <= worst_unachievable(lines) + 1e-12
-    assert gaps(lines).sum() == pytest.approx(math.pi)
-
-
-@devices
-def test_force_lines_are_those_of_the_rows_of_the_force_map(bar):
-    tips = bar.open_tips(np.random.default_rng(1), 20)
-    lines = force_lines(bar.device.mechanism, bar.braked, tips[:, 0], tips[:, 1])
-    g = np.zeros((4, 2))
-    for tip, angles in zip(tips, lines, strict=True):
-        tip_force_map(bar.device.mechanism, *tip, g)
-        for joint, angle in zip(bar.braked, angles, strict=True):
-            row = g[JOINTS.index(joint)]
-            assert row[0] * math.sin(angle) - row[1] * math.cos(angle) == pytest.approx(0.0, abs=1e-9 * np.hypot(*row))
 
 
 @devices
@@ -149,24 +124,6 @@ def test_a_brake_with_backlash_always_opposes_the_motion_with_at_most_its_gain(a
     assert set(np.round(np.abs(torque), 9)) <= {round(off, 9), round(gain, 9)}
     if 2.0 * amplitude_deg < BRAKE.file.backlash_deg:
         assert np.all(np.abs(torque[1000:]) == off), "the joint never crosses its play"
-
-
-def test_after_a_reversal_the_brake_is_off_until_the_joint_has_turned_by_the_backlash():
-    width = math.radians(BRAKE.file.backlash_deg)
-    angles = np.concatenate((np.linspace(0.0, 0.1, 500), np.linspace(0.1, 0.0, 500)))
-    torque = torque_with_play(BRAKE, angles, 1.0)[500:]
-    turned = 0.1 - angles[500:]
-    on, off = BRAKE.torque_gain([1.0, 0.0])
-    moving = turned > 0.0
-    assert np.all(torque[moving & (turned < width - 1e-3)] == off)
-    assert np.all(torque[moving & (turned > width + 1e-3)] == on)
-
-
-def test_the_papers_wording_of_the_backlash_drives_the_joint_after_each_reversal():
-    angles = sine(10.0)
-    power = torque_as_worded(BRAKE, angles, 0.6, 1e-3)[1:] * np.diff(angles)
-    for reversal in (250, 750, 1250, 1750):
-        assert np.any(power[reversal : reversal + 50] > 0.0)
 
 
 @pytest.mark.parametrize("locked", ["", "C"])
@@ -254,15 +211,6 @@ def test_every_figure_appears_as_png_and_pdf(figures):
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 
-def test_a_figure_that_is_there_is_never_overwritten(tmp_path: Path):
-    folder = tmp_path / "figures"
-    folder.mkdir()
-    (folder / f"{pictures([THREE.device])[0].name}.pdf").write_bytes(b"mine")
-    with pytest.raises(InputError, match="exists already"):
-        draw_all([THREE.device], folder)
-    assert [file.read_bytes() for file in folder.iterdir()] == [b"mine"]
-
-
 def words(figure) -> str:
     """All that is written under a figure."""
     return " ".join(text.get_text() for text in figure.texts)
@@ -280,16 +228,10 @@ def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not(fig
         assert "ssumed" not in words(picture.draw()), picture.name
 
 
-def test_the_picture_of_scooter_shows_it_free_on_its_path_and_in_front_of_its_wall():
-    free, along, wall = (CobotRun(scene).run_chunk(scene.rows) for scene in scooter.scenes().values())
-    assert free[-1, 1] > 2.0 and np.ptp(free[:, 2]) < 0.02 and abs(free[-1, 3] - 0.6) > 0.5, "it turns as it goes"
-    assert abs(along[-1, 2]) < 1e-6 and abs(along[-1, 3]) < 0.02
-    assert wall[:, 2].max() == pytest.approx(scooter.WALL_Y_M, abs=0.02) and wall[:, 2].max() < scooter.WALL_Y_M
-
-
 def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_path: Path, capsys, monkeypatch):
     monkeypatch.setattr(paper_figures, "figure_bytes", lambda *_: pytest.fail("drawn"))
-    (tmp_path / "file").write_text("")
+    for name in ("file", "displays.pdf"):
+        (tmp_path / name).write_text("")
     windows = sys.platform == "win32"
     for arguments, says in (
         (["--out", str(tmp_path / "file")], "already exists)" if windows else "cannot be written (file exists)"),
@@ -298,14 +240,8 @@ def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_p
             "already exists)" if windows else "cannot be written (not a directory)",
         ),
         (["--out", str(tmp_path / "new"), "--device", "six-brake"], "unknown device 'six-brake'"),
+        (["--out", str(tmp_path)], "exists already"),
         ([], "--out"),
     ):
         assert says in refusal(capsys, "figures", *arguments)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_failure_while_writing_leaves_no_file_and_no_folder(tmp_path: Path):
-    folder = tmp_path / "a" / "b"
-    with pytest.raises(InputError, match="cannot be written"):
-        write_new_files({folder / "one.png": b"1", folder / f"{'two' * 100}.png": b"2"})
-    assert not list(tmp_path.iterdir())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["displays.pdf", "file"]

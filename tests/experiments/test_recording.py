@@ -5,7 +5,6 @@ import json
 import sqlite3
 import stat
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,7 @@ from core.control.controllers import DECISIONS
 from core.files import InputError
 from experiments import atomic_files
 from experiments.analysis.trials_table import as_table, write_table
-from experiments.atomic_files import TRIES, retry_while_locked
-from experiments.recording import Sensors
+from experiments.atomic_files import TRIES
 from experiments.store import recording as recording_module
 from experiments.store.database import DATABASE, Database
 from experiments.store.recording import RecordingWriter, close_trial, read_recording
@@ -92,13 +90,6 @@ def test_files_and_folders_are_their_users_own(tmp_path):
     assert modes == {path.name: 0o600, "trials": 0o700, DATABASE: 0o600}
 
 
-@pytest.mark.parametrize("count", [0, 1])
-@pytest.mark.parametrize("closed", [True, False])
-def test_a_recording_of_hardly_anything_is_read(tmp_path, count, closed):
-    recording = read_recording(record(tmp_path, ticks(count), closed=closed))
-    assert recording.whole and recording.rows == count and recording.words["decision"] == DECISIONS
-
-
 def test_a_long_recording_is_written_in_pieces_and_read_column_by_column(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.store.recording.PIECE_ROWS", 2000)
     monkeypatch.setattr("experiments.store.recording.LONG_ROWS", 5000)
@@ -111,14 +102,6 @@ def test_a_long_recording_is_written_in_pieces_and_read_column_by_column(tmp_pat
     assert "nothing" not in recording.columns and len(recording.columns) > 40
 
 
-def test_raw_signals_of_a_device_on_the_bench_are_recorded(tmp_path):
-    rows = np.zeros((30, tick_log.BENCH_WIDTH))
-    rows[:, tick_log.T] = np.arange(30) / 1000.0
-    rows[:, tick_log.COUNT] = 7.0
-    recording = read_recording(record(tmp_path, rows, "AB", sensors=Sensors("AB", 2)))
-    assert recording.sensors == Sensors("AB", 2) and "board_us" in recording.columns
-
-
 @pytest.mark.parametrize("braked, metadata", [("BA", {}), ("X", {}), ("AA", {}), ("A", {"x": object()})])
 def test_a_recording_that_cannot_be_described_is_refused(database, braked, metadata):
     with pytest.raises(InputError, match="recording"):
@@ -126,18 +109,6 @@ def test_a_recording_that_cannot_be_described_is_refused(database, braked, metad
     with pytest.raises(InputError, match="no such recording"):
         database.commit()
         recording_of(database)
-
-
-def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(database):
-    rows = ticks(150)
-    ring = rows.copy()
-    with pytest.raises(ZeroDivisionError), begun(database) as writer:
-        writer.write(ring)
-        ring[:] = np.nan  # what was given was copied
-        raise ZeroDivisionError
-    recording = recording_of(database)
-    assert not recording.complete and recording.damaged == []
-    assert_holds(recording, rows)
 
 
 def test_ticks_are_on_the_disk_in_time_for_a_kill_or_a_power_cut(tmp_path, monkeypatch):
@@ -176,17 +147,6 @@ def test_a_disk_that_is_well_again_gets_its_ticks_within_a_second(disk, tmp_path
             with contextlib.suppress(OSError):
                 writer.write(chunk)
         assert writer.written.ticks > 1700
-
-
-def test_a_commit_waits_for_another_process(tmp_path):
-    with new_session_database(tmp_path) as database:
-        writer = begun(database)
-        writer.flush()
-        with contextlib.closing(sqlite3.connect(tmp_path / DATABASE, check_same_thread=False)) as other:
-            other.execute("BEGIN IMMEDIATE")
-            threading.Timer(0.2, other.rollback).start()
-            writer.write(ticks(10))
-            writer.flush()
 
 
 def test_what_the_disk_refuses_is_counted_and_too_much_of_it_is_said(disk, tmp_path, monkeypatch):
@@ -329,19 +289,6 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return waited
 
 
-@pytest.mark.parametrize("winerror", [5, 32, 33])
-def test_it_is_tried_again_until_it_is_free(waits: list[float], winerror: int) -> None:
-    refusals, done = [refused(winerror)] * 3, []
-
-    def do(word: str) -> None:
-        if refusals:
-            raise refusals.pop(0)
-        done.append(word)
-
-    retry_while_locked(do, "once")
-    assert done == ["once"] and len(waits) == 3
-
-
 def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_path: Path, monkeypatch) -> None:
     tries: list[tuple] = []
 
@@ -354,12 +301,3 @@ def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_p
         write_table(tmp_path / "trials.csv", as_table([]), replacing=True)
     assert len(tries) == TRIES == len(waits) + 1
     assert not list(tmp_path.iterdir())
-
-
-def test_a_file_that_may_not_be_touched_at_all_is_refused_at_once(waits: list[float]) -> None:
-    def do() -> None:
-        raise refused(None)
-
-    with pytest.raises(PermissionError, match="denied"):
-        retry_while_locked(do)
-    assert not waits

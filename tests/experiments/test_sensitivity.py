@@ -12,13 +12,13 @@ from refusals import refusal
 from app.cli import main
 from core.files import InputError
 from core.workspace import tip_is_free
-from experiments.analysis.findings import IN_BOXES, LEAST_FINISHED, STATEMENTS, box_findings_of
+from experiments.analysis.findings import IN_BOXES, STATEMENTS, box_findings_of
 from experiments.analysis.metrics import JUDGED
 from experiments.analysis.trials_table import as_table
 from experiments.protocol import load_protocol
 from experiments.sensitivity.changed_files import within_reach
 from experiments.sensitivity.indices import dependent_pairs, find_indices
-from experiments.sensitivity.judged import boxes_of, judge, read_trials, wilson
+from experiments.sensitivity.judged import judge, read_trials, wilson
 from experiments.sensitivity.ranges import AssumptionRange, load_ranges
 from experiments.sensitivity.report import Judgement, report_files
 from experiments.sensitivity.run import SensitivityRun, run_sensitivity
@@ -80,7 +80,7 @@ def table(out: Path) -> bytes:
     return (out / "sensitivity.csv").read_bytes()
 
 
-def test_the_rows_of_a_sample_are_the_trials_of_a_study_with_its_values_and_seed(small, whole):
+def test_the_rows_of_a_sample_are_the_trials_of_a_study_with_its_values_and_seed_and_judged_as_those(small, whole):
     ranges = load_ranges(small)
     sample = SensitivityRun(ranges, 3).samples()[1]
     study = ranges.study(sample.values, sample.seed)
@@ -93,15 +93,8 @@ def test_the_rows_of_a_sample_are_the_trials_of_a_study_with_its_values_and_seed
     ]
     for metric in JUDGED:
         assert ours[metric.name].tolist() == [float(f"{row.value(metric.name):.6g}") for row in trials]
-
-
-def test_the_boxes_of_a_sample_are_judged_as_those_of_a_study(small, whole):
-    ranges = load_ranges(small)
-    sample = SensitivityRun(ranges, 3).samples()[0]
-    study = ranges.study(sample.values, sample.seed)
-    found = box_findings_of(as_table([row for row, _ in study_trials(study.protocol, study.populations[0], 1)]))
     judged = judge(read_trials(whole / "sensitivity.csv"), ("three-brake", "four-brake"), 1)
-    assert judged.holds.iloc[0].tolist() == [finding.verdict == "holds" for finding in found]
+    assert judged.holds.iloc[1].tolist() == [one.verdict == "holds" for one in box_findings_of(as_table(trials))]
 
 
 def test_every_range_reaches_the_study(small):
@@ -134,14 +127,6 @@ def test_every_range_reaches_the_study(small):
         assert b - 0.35 == pytest.approx(0.5 * (a - 0.35), abs=1e-12)
 
 
-def test_links_of_another_length_or_mass_are_uniform_rods_as_the_shipped_ones_are(small):
-    ranges = load_ranges(small)
-    usual, same = (ranges.study(v, 1)[0] for v in ({}, {"device_factor.mass.??.mass_kg": 1.0}))
-    for one, other in zip(usual.devices, same.devices, strict=True):
-        for arm, rod in ((one.mechanism.arm_1, other.mechanism.arm_1), (one.mechanism.arm_2, other.mechanism.arm_2)):
-            assert np.allclose(tuple(arm), tuple(rod), rtol=2e-3)
-
-
 def test_a_path_out_of_reach_moves_to_the_middle_and_is_shortened_until_all_devices_reach_it():
     devices = load_protocol("paper").devices
     middle, generator = np.array([0.0, 0.4]), np.random.default_rng(1)
@@ -161,16 +146,6 @@ def test_a_path_out_of_reach_moves_to_the_middle_and_is_shortened_until_all_devi
     assert moved > 10 and shortened > 5
     inside = within_reach(devices, {"x_m": 0.01, "y_m": 0.38, "length_m": 0.1, "angle_deg": 0.0}, middle)
     assert inside == pytest.approx(np.array([[-0.04, 0.38], [0.06, 0.38]]))
-
-
-def test_mixed_people_are_one_of_each_population_in_turn(small, tmp_path):
-    (tmp_path / "small.toml").write_bytes((small.parent / "small.toml").read_bytes())
-    (tmp_path / "mixed.toml").write_text(
-        'name = "mixed"\nprotocol = "small.toml"\noperators = 3\n'
-        '[population]\nchoices = ["average", "steady", "mixed"]\nsource = "x"\n'
-    )
-    study = load_ranges(tmp_path / "mixed.toml").study({"population": "mixed"}, 1)
-    assert [population.name for population in study.populations] == ["average", "steady"]
 
 
 def test_one_value_is_the_same_in_all_samples(small, tmp_path):
@@ -327,24 +302,6 @@ def test_trials_drawn_anew_without_control_differ_as_those_of_controllers_that_d
         assert (
             abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / 200) + 0.02
         )
-
-
-def test_a_box_needs_nine_trials_of_ten_that_reached_the_end():
-    trials = made_trials(2)
-    assert LEAST_FINISHED == 0.9
-    of_cell = trials.query("sample == 1 and configuration == 'four-brake' and controller == 3").index
-    trials.loc[of_cell[:2], list(IN_BOXES)] = math.nan  # 2 of 18
-    boxes = boxes_of(trials)
-    assert (IN_BOXES[0], "four-brake", 3) not in boxes[1] and (IN_BOXES[0], "four-brake", 3) in boxes[2]
-    trials.loc[of_cell[:1], list(IN_BOXES)] = 1.0
-    values = trials.loc[of_cell, IN_BOXES[0]].dropna()
-    assert boxes_of(trials)[1][IN_BOXES[0], "four-brake", 3] == tuple(np.quantile(values, (0.25, 0.5, 0.75)))
-
-
-def test_a_sample_without_trials_holds_nothing(whole, tmp_path):
-    trials = pd.concat([read_trials(whole / "sensitivity.csv"), pd.DataFrame({"sample": [4]})])
-    judged = judge(trials, ("three-brake", "four-brake"), 1)
-    assert not judged.holds.iloc[3].any() and judged.cannot_tell.iloc[3].all() and len(judged.holds) == 4
 
 
 def test_the_report_says_what_decides_and_what_to_measure_first(small, tmp_path):

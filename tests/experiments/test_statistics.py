@@ -21,7 +21,6 @@ from experiments.analysis.sensitivity import (
     hann,
     kendall_tau,
     sensitivity,
-    swapped,
     ticks_moving,
 )
 from experiments.analysis.statistics import (
@@ -240,17 +239,6 @@ def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_
         assert statistics(trials) == whole and (statistics(trials, timeouts=True) != whole) == (status == "timeout")
 
 
-def test_pooled_needs_both_devices_of_a_person():
-    rows = study(people=5)
-    some = [r for r in rows if not (r.participant == "03" and r.configuration == "four-brake")]
-    assert (
-        only(statistics(as_table(some)), test="mean", measure="path_error_m", configuration=POOLED, first="2").people
-        == 4
-    )
-    one = [r for r in rows if r.configuration == "four-brake"]
-    assert {r.configuration for r in statistics(as_table(one))} == {"four-brake", "all"}
-
-
 def test_every_pair_of_controllers_and_every_measure_is_there():
     results = statistics(as_table(study()))
     for device in (*DEVICES, POOLED):
@@ -287,14 +275,6 @@ def test_definitions_that_order_the_controllers_alike_agree_and_a_reversed_one_i
     said = " ".join(sentences(results))
     assert "None and SDOF, none and SDOF with gap, " in said and "change places by peak error." in said
     assert "The same by acceleration rms; SPARC." in said
-
-
-@pytest.mark.parametrize(
-    "order, other, pairs",
-    [("1 < 2 < 3", "1 < 2 < 3", []), ("1 < 2 < 3", "2 < 1 < 3", [(1, 2)]), ("3 < 1 < 2", "2 < 1", [(1, 2)])],
-)
-def test_swapped_pairs_by_hand(order, other, pairs):
-    assert swapped(order, other) == pairs
 
 
 def test_smoothness_by_other_definitions_starts_from_the_metrics_own(tmp_path):
