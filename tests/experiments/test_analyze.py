@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,10 +13,9 @@ from sessions import crash_in_trial, files, session_of
 from app.cli import main
 from experiments.store import session as sessions
 from experiments.store.files import pooled_rows, write_pooled_table
-from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.verify import verify
-from experiments.study.analyze import Found, analyze, changed_boxes
+from experiments.study.analyze import analyze
 from experiments.study.study import resume_study, run_study
 from tests.support.rows import read_rows
 
@@ -59,13 +57,6 @@ def test_a_damaged_recording_is_left_out_and_its_boxes_alone_are_said_to_change(
     assert float(medians[3]) == pytest.approx(100.0 * (new / old - 1.0), abs=0.06)
 
 
-def test_boxes_are_compared_with_the_timeouts_that_the_figures_count(study, tmp_path):
-    rows = read_rows(study / "trials.csv")
-    late = [replace(row, status="timeout") if row is rows[4] else row for row in rows]
-    with_it, without = (changed_boxes(study, Found(rows=late), timeouts) for timeouts in (True, False))
-    assert with_it == [] and len(without) == 3
-
-
 def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_table_is_said_to_differ(study, tmp_path):
     folder = shutil.copytree(study, tmp_path / "study")
     session = Session.resume(folder, "01", sync=False)
@@ -77,16 +68,6 @@ def test_what_is_excluded_or_redone_later_is_in_the_studys_table_and_a_stale_tab
     assert analyze(folder, tmp_path / "fresh")["changed"] == []
     assert [fault["file"] for fault in verify(folder)["faults"]] == ["trials.csv"]
     assert resume_study(folder, {})["trials"] == 21 and verify(folder)["faults"] == []
-
-
-def test_the_energy_stamp_of_every_trial_stands_in_its_row_and_in_its_file(study):
-    for row in read_rows(study / "trials.csv"):
-        outcome = read_recording(study / row.recording).outcome
-        assert (row.value("energy_residual_J"), row.value("energy_added_max_J")) == (
-            outcome["energy_residual_J"],
-            outcome["energy_added_max_J"],
-        )
-        assert abs(row.value("energy_residual_J")) < 1e-6 and row.value("energy_added_max_J") == 0.0
 
 
 def test_the_energy_of_a_trial_that_was_cut_off_is_not_made_up(tmp_path):

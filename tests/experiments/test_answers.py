@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 from exports import rows, table, validate
-from sessions import closed_session, files, new_session
+from sessions import closed_session, new_session
 
 from app.window.participant.questionnaire import ITEMS
 from experiments.analysis.charts import POOLED, View
@@ -19,9 +19,7 @@ from experiments.export.files import (
     write_phenotype,
 )
 from experiments.export.results import ResultsJob
-from experiments.export.results_files import write_results
 from experiments.store.database import Database
-from experiments.store.files import pooled_rows
 from experiments.store.journal import ANSWERS, CONTROLLER_ANSWERS, JournalWriter
 from experiments.store.journal import NOTE as NOTED
 
@@ -89,22 +87,6 @@ def job(shown, data, folder, sessions):
     """What the page Analyse exports."""
     view = View(("three-brake",), LABELS)
     return ResultsJob(POOLED, as_table(tuple(shown)), (), view, "note", data, tuple(sessions), folder)
-
-
-def test_the_results_that_a_window_exports_hold_the_same_tables(study, tmp_path):
-    shown = tuple(row for row in pooled_rows(study) if row.participant == "01")
-    count = write_results(job(shown, study, tmp_path / "results", [study / "sub-01" / "ses-01"]))
-    assert len(rows(tmp_path / "results" / QUESTIONNAIRE_CSV)) == 2
-    [note] = rows(tmp_path / "results" / NOTES_CSV)  # of those whose trials are shown
-    assert note["text"] == NOTE and count == len([*(tmp_path / "results").iterdir()])
-
-
-def test_where_nothing_was_said_nothing_is_written(silent, tmp_path):
-    export(silent, {form: tmp_path / form for form in ("bids", "csv")})
-    write_results(job(pooled_rows(silent), silent, tmp_path / "results", silent.glob("sub-*/ses-*")))
-    assert not [name for name in files(tmp_path) if any(w in name for w in ("questionnaire", "notes", "phenotype"))]
-    described = json.loads((tmp_path / "csv" / "columns.json").read_text())
-    assert QUESTIONNAIRE_CSV not in described and answers_and_notes(silent.glob("sub-*/ses-*")) == ([], [])
 
 
 def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):

@@ -1,13 +1,12 @@
 """Assumptions: a file may change any of them; a wrong one is one sentence; with encoders the bench's own view."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from protocols import assuming as with_assumptions
 
-from core.brake import current_for_torque, time_constant, torque_gain
+from core.brake import time_constant, torque_gain
 from core.device import load_device
 from core.device_file import Encoders
 from core.files import InputError
@@ -15,7 +14,7 @@ from core.simulator.hand import spring_hand
 from core.simulator.simulated_device import SimulatedDevice
 from core.simulator.state import pack_brakes
 from core.simulator.stick_slip_mode import update_kinematics
-from experiments.assumptions import DEFAULTS, Assumptions
+from experiments.assumptions import Assumptions
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.trial.encoder_sensing import new_sensing, see
 from hardware.sensing.encoders import PoseSensing
@@ -28,11 +27,6 @@ def assuming(lines: str) -> Protocol:
     """The paper's protocol with another table of assumptions."""
     about = protocol_to_json(PAPER)
     return protocol_from_json({**about, "text": with_assumptions(lines)}, "mine.toml")
-
-
-def test_without_the_table_everything_is_as_the_defaults_have_it():
-    bare = assuming("")
-    assert bare.assumptions == bare.trial.assumptions == DEFAULTS
 
 
 def test_the_paper_is_studied_behind_encoders_with_its_low_gain_in_its_own_lengths_and_every_note_says_so():
@@ -55,13 +49,6 @@ def test_what_differs_from_the_defaults_stands_in_the_note_and_is_stored():
     )
     again = protocol_from_json(protocol_to_json(protocol), "stored")
     assert again.assumptions == protocol.assumptions == Assumptions(sensing="encoders", lag_factor=3.0, low_gain=120.0)
-
-
-def test_the_command_lines_low_gain_stands_above_the_files():
-    about = protocol_to_json(assuming("low_gain = 120.0"))
-    asked = protocol_from_json({**about, "overrides": {"low_gain": 200.0}}, "stored")
-    assert asked.low_gain == asked.assumptions.low_gain == 200.0
-    assert asked.controllers[4] == PAPER.controllers[4]
 
 
 WRONG = {
@@ -99,11 +86,6 @@ def gains(brakes) -> list[float]:
     return [torque_gain(brakes, 0, current) for current in CURRENTS]
 
 
-def test_under_the_defaults_the_device_is_the_one_of_its_file():
-    assert DEFAULTS.applied_to(THREE) is THREE
-    assert all(DEFAULTS.controller(preset) is preset for preset in PAPER.controllers.values())
-
-
 def test_the_lag_factor_multiplies_both_time_constants_and_nothing_else():
     usual, slow = brakes_under(), brakes_under(lag_factor=3.0)
     for rising in (True, False):
@@ -119,18 +101,6 @@ def test_the_drag_factor_changes_the_torque_without_current_and_leaves_the_field
     assert [more - less for more, less in zip(heavy, usual, strict=True)] == pytest.approx([usual[0]] * 5)
     device = Assumptions(drag_factor=0.0).applied_to(THREE)
     assert device.assumed and device.force_normalised_N == pytest.approx((5.3 - 0.35) / 0.3048)
-
-
-def test_brakes_without_drag_do_what_the_controller_asks_for():
-    free = brakes_under(drag_factor=0.0)
-    assert torque_gain(free, 0, 0.0) == 0.0
-    for torque in (0.01, 0.3, 1.0, 4.0):
-        assert torque_gain(free, 0, current_for_torque(free, 0, torque)) == pytest.approx(torque, rel=1e-12)
-
-
-def test_backlash_is_that_of_every_brake():
-    assert brakes_under(backlash_deg=2.0).play.tolist() == [math.radians(2.0)] * 3 + [0.0]
-    assert not brakes_under(backlash_deg=0.0).play.any()
 
 
 def test_a_gap_read_as_the_whole_width_is_half_as_wide_on_each_side():
@@ -198,13 +168,3 @@ def test_the_whole_sample_comes_later_and_a_longer_filter_lags_more():
         behind = (window - 1) // 2
         late, now = true[100 - behind : 300 - behind], true[100:300]
         assert np.abs(velocity - late).mean() < 0.5 * np.abs(velocity - now).mean()
-
-
-def test_what_rests_has_no_velocity():
-    device = load_device("three-brake")
-    simulation = SimulatedDevice(device, (0.0123, 0.4))
-    sensing = new_sensing(device, Assumptions(sensing="encoders"))
-    mechanism, bodies = simulation.mechanism, simulation.body
-    for _ in range(40):
-        see(mechanism[0], bodies[0], sensing.sensors[0], sensing.seen[0])
-        assert tuple(sensing.seen[0].tip[2:]) == (0.0, 0.0)

@@ -5,7 +5,7 @@ from colour_sight import SIGHTS, nearest
 
 from app.window.widgets.palette import DARK, LIGHT
 from core.control.controllers import Preset
-from experiments.analysis.colours import ON_DARK, ON_LIGHT, colour_places
+from experiments.analysis.colours import ON_LIGHT, colour_places
 from experiments.analysis.sheet import colour_of
 from experiments.paper_figures.workspace import JOINT_COLOURS
 from experiments.protocol import load_protocol
@@ -32,11 +32,6 @@ def test_distances_are_those_of_the_space_and_the_colour_blind_see_less():
     assert nearest(("#000000", "#ffffff"), "normal").distance == pytest.approx(100.0, abs=0.5)
     red, green = "#c00000", "#007000"
     assert nearest((red, green), "deuteranopia").distance < 0.5 * nearest((red, green), "normal").distance
-
-
-def test_screen_and_paper_have_one_table():
-    assert (LIGHT.controllers, DARK.controllers) == (ON_LIGHT, ON_DARK)
-    assert [colour_of(controller, PLACES) for controller in range(1, 6)] == list(ON_LIGHT)
 
 
 def test_a_controller_has_its_own_colour_in_every_protocol():

@@ -137,13 +137,3 @@ def test_the_data_dictionary_says_what_each_controller_of_the_protocol_is(open_d
         scanned = list(csv.DictReader(lines, delimiter="\t"))
     assert [row["controller_name"] for row in scanned] == [NAMES[int(row["controller"])] for row in scanned]
     assert not errors(outs["bids"])
-
-
-def test_two_protocols_that_number_other_controllers_alike_are_both_in_the_dictionary(open_data, tmp_path):
-    data = shutil.copytree(open_data, tmp_path / "data")
-    session = new_session(data, "02", protocol=short(paths=1))
-    run_trials(session, 5)
-    session.close()
-    export(data, {"csv": tmp_path / "csv"})
-    levels = json.loads((tmp_path / "csv" / "columns.json").read_text())["trials.csv"]["controller"]["levels"]
-    assert levels["3"] == "Free hand: none / SDOF with gap: sdof, gap 5 mm"

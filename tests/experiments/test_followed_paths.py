@@ -8,10 +8,9 @@ from paths import turtle
 
 from core.control.rule_sets import SETTLED
 from core.control.velocity_field import PIECE, Seen, field_at, new_memory
-from core.path import Arc, Polyline, build_path, outline, point_at
+from core.path import Arc, Polyline, build_path, point_at
 from experiments.analysis.movement import along_path, mean_over_progress
 
-pytestmark = pytest.mark.nojit
 TURN = 2.0 * math.pi
 
 
@@ -50,21 +49,11 @@ def letter(height):
 
 PATHS = {
     "circle": Arc((0.0, 0.36), 0.06, 0.0, 360.0),
-    "circle, clockwise": Arc((0.0, 0.36), 0.08, 90.0, -270.0),
-    "small circle": Arc((0.0, 0.36), 0.015, 0.0, 360.0),
-    "nearly closed": Arc((0.0, 0.36), 0.06, 0.0, 350.0),
     "figure eight": eight(0.08, 0.04),
-    "flat figure eight": eight(0.09, 0.015),
     "twice round an eight": eight(0.08, 0.04, 2.0),
-    "star": star(5, 2, 0.08),
     "small star": star(5, 2, 0.03),
-    "star of seven": star(7, 3, 0.08),
-    "square": star(4, 1, 0.08),
-    "triangle": star(3, 1, 0.08),
     "spiral": spiral(2.0, 0.02, 0.08),
-    "narrow spiral": spiral(3.0, 0.01, 0.04),
     "spiral inwards": spiral(2.0, 0.08, 0.015),
-    "letter": letter(0.04),
     "small letter": letter(0.015),
     "there and back": Polyline(((-0.08, 0.36), (0.08, 0.36), (-0.08, 0.36))),
     "zigzag": turtle((-0.06, 0.3), 1.3, [(0.0, 0.1), (-150.0, 0.1), (150.0, 0.1), (-150.0, 0.1)]),
@@ -111,7 +100,7 @@ def searched(points, tip, way, window):
 @pytest.mark.parametrize("name", PATHS)
 def test_the_error_is_that_of_an_independent_search_near_the_true_way(name):
     path, points = build_path(PATHS[name], name), vertices(PATHS[name])
-    for seed in range(3):
+    for seed in range(2):
         tip, way = hand(points, seed)
         progress, error = along_path(tip, path)
         expected = searched(points, tip, way, path.near)
@@ -140,9 +129,3 @@ def test_a_tip_that_goes_where_the_field_points_comes_along_the_whole_path(name)
     else:
         raise AssertionError(f"came {furthest} m of {path.length} m")
     assert field.distance < 0.003
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_an_outline_runs_along_the_whole_path(name):
-    points = outline(PATHS[name], 0.002)
-    assert np.hypot(*np.diff(points, axis=0).T).sum() == pytest.approx(build_path(PATHS[name], name).length, rel=2e-3)

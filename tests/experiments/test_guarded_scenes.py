@@ -1,8 +1,6 @@
 """Scenes with obstacles and the guard: what is refused, what the file holds, that no hand within its push gets in."""
 
-import json
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +8,8 @@ import numpy as np
 import pytest
 from exports import rows as csv_rows
 
-from app.cli import main
 from core.control.guard import Around
 from core.files import InputError
-from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
 from experiments.simulate.simulate import SceneRun, simulate
 
@@ -135,14 +131,6 @@ def test_the_guard_looks_every_millisecond_however_long_a_step_is(scene, tmp_pat
     assert last["1e-4"] == pytest.approx(last["1e-3"], abs=1e-4)
 
 
-def test_a_guarded_scene_is_the_same_in_chunks_whose_edges_are_between_two_looks(scene, tmp_path, monkeypatch):
-    guarded = scene(MR + PUSH + WALL + GUARD, step="2.5e-4")
-    simulate(guarded, tmp_path / "one.csv")
-    monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 7)
-    simulate(guarded, tmp_path / "many.csv")
-    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "many.csv").read_bytes()
-
-
 def test_a_lock_replaces_the_schedule_and_the_schedule_has_its_say_again(scene, tmp_path):
     """The hand pushes, is stopped, and pulls away: the brakes it then feels are those of the schedule."""
     force = "0,0,10\n0.5,0,10\n0.51,0,-10\n0.8,0,-10\n"
@@ -158,53 +146,9 @@ def test_a_lock_replaces_the_schedule_and_the_schedule_has_its_say_again(scene, 
     assert np.array_equal(alone[: first + 1, 2], y[: first + 1]), "until the first lock it is the schedule's motion"
 
 
-def test_half_the_step_still_checks_a_guarded_scene(scene, tmp_path):
-    """A step of 20 ms is cut at the looks; the check is then of half a millisecond, not of the same steps."""
-    for step in ("1e-3", "20e-3"):
-        guarded = scene(MR + 'integrator = "stepping"\n' + PUSH + WALL + GUARD, step=step)
-        assert guarded.step_s == 1e-3 and guarded.finer().step_s == 5e-4
-        _, summary = ran(guarded, tmp_path)
-        assert summary["half_step_differs_m"] > 1e-7
-    assert ran(scene(MR + PUSH + WALL + GUARD), tmp_path)[1]["half_step_differs_m"] < 1e-4
-
-
-def test_a_warning_says_where_half_the_step_has_led_the_guard_to_other_decisions(scene, tmp_path):
-    guarded = scene(MR + PUSH + WALL + GUARD)
-    other = "at half the step the guard locks or lets go in other ticks"
-    assert not any(other in sentence for sentence in ran(guarded, tmp_path)[1]["warnings"]), "nothing is doubtful"
-    nearer = guarded.around.obstacles[0].__class__(half_plane_m=(0.0, 0.435, 0.0, -1.0))
-
-    class Misled(Scene):
-        def finer(self):
-            return replace(Scene.finer(self), around=Around(obstacles=(nearer,), guard=self.around.guard))
-
-    misled = Misled(**vars(guarded))
-    warnings = ran(misled, tmp_path)[1]["warnings"]
-    assert "half the step puts it" in warnings[0] and warnings[1].startswith(other)
-
-
-def test_a_start_that_no_lock_can_hold_is_marked_in_its_rows(scene, tmp_path):
-    fast = "initial_tip_velocity_m_s = [0.0, 3.0]\n"
-    columns, summary = ran(scene(MR + fast + WALL + GUARD), tmp_path)
-    assert columns["guard"][0] == "lock: too late" and summary["guard_too_late_ticks"] > 0
-    assert summary["least_obstacle_m"] < 0.0
-
-
 def test_a_hand_that_pushes_harder_than_the_guard_allows_for_is_named(scene, tmp_path, capsys):
     push = "0,0,4\n0.4,3,12.0\n0.8,0,0\n"
     _, summary = ran(scene(MR + WALL + GUARD, force=push), tmp_path)
     assert summary["warnings"][-1].startswith("the hand pushes with up to 12.37 N, more than the 10 N (push_N)")
     after = "0,0,10\n0.8,0,10\n0.9,0,90\n"  # the file goes on after the scene has ended
     assert ran(scene(MR + WALL + GUARD, force=after), tmp_path)[1]["warnings"] == []
-
-
-def test_the_verb_says_how_near_the_tip_came_and_how_often_the_guard_locked(scene, tmp_path, capsys):
-    scene(MR + PUSH + WALL + GUARD)
-    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "a.csv")]) == 0
-    said = capsys.readouterr()
-    assert re.search(r"; [\d.]+ mm from an obstacle at least, locked by the guard in \d+ of 801 ticks\n$", said.out)
-    assert said.err == ""
-    assert main(["simulate", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "b.csv"), "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    nearest = min(float(row["obstacle_m"]) for row in csv_rows(tmp_path / "b.csv"))
-    assert summary["least_obstacle_m"] == nearest and summary["guard_locked_ticks"] > 0

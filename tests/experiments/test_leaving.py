@@ -7,7 +7,7 @@ import pytest
 
 from core.device import load_device
 from core.workspace import free_tips
-from experiments.simulate.leaving import Leaving, looks_per_row
+from experiments.simulate.leaving import Leaving
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import simulate
 
@@ -48,10 +48,3 @@ def test_whatever_is_beyond_a_stop_or_out_of_reach_has_left_and_what_is_free_has
     assert leaving.warning.startswith(
         "the tip leaves the workspace at t = 8 s: it is beyond a hard stop, at (0.000, 5.0"
     )
-
-
-@pytest.mark.parametrize(
-    "steps, step_s, looks", [(500, 1e-3, 100), (10, 1e-3, 2), (7, 1e-3, 7), (3, 1e-3, 1), (1, 1.0, 1)]
-)
-def test_a_row_is_looked_at_in_equal_parts_of_at_most_five_milliseconds(steps, step_s, looks):
-    assert looks_per_row(steps, step_s) == looks

@@ -9,7 +9,7 @@ from sessions import new_session
 
 from app.cli import main
 from core.files import InputError
-from experiments.protocol import GAIN, Protocol, protocol_from_json, protocol_to_json
+from experiments.protocol import Protocol, protocol_from_json, protocol_to_json
 from experiments.store.study_plan import read_study
 from experiments.study.unrecorded import DETECTED_M_S2, GAINS, study_trials, vibrations, with_low_gain_found
 
@@ -31,16 +31,6 @@ def test_the_gain_found_does_not_vibrate_and_the_next_one_does(unsettled, found)
     steps = GAINS.index(found.low_gain)
     added = [vibrations(found, PEOPLE, low.replaced(gain_N_s_m=GAINS[n])) - without for n in (steps, steps + 1)]
     assert added[0].max() <= DETECTED_M_S2**2 < added[1].max()
-
-
-def test_the_number_found_is_stored_with_its_rule_and_not_looked_for_again(found):
-    again = protocol_from_json(protocol_to_json(found), "stored")
-    assert (
-        again.low_gain == found.low_gain and again.assumptions.low_gain == "no vibration" and not again.low_gain_unknown
-    )
-    assert with_low_gain_found(again, PEOPLE) is again
-    assert f"low gain {found.low_gain:g} N s/m (no vibration; Table I prints 5)" in again.note()
-    assert again.controllers[4].value(GAIN) == 10_000.0
 
 
 def test_the_same_seed_finds_the_same_gain_and_another_world_another(unsettled, found):

@@ -9,7 +9,6 @@ from core import tick_log
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
-from experiments.protocol_file import MouseHand
 from experiments.trial.trial import Conditions, SimulatedTrial
 
 PAPER = load_protocol()
@@ -55,7 +54,3 @@ def test_a_leap_of_the_pointer_is_slower_than_a_throw_and_comes_to_rest_where_it
     assert np.hypot(rows[:, tick_log.HAND_FX], rows[:, tick_log.HAND_FY]).max() <= PAPER.mouse.force_max_N * (1 + 1e-9)
     ledger = model.ledger()
     assert ledger.fallbacks == 0 and ledger.added_by_brakes <= 0.0 and abs(ledger.residual) < 1e-6
-
-
-def test_the_shipped_protocol_has_the_default_spring() -> None:
-    assert MouseHand() == PAPER.mouse

@@ -87,11 +87,6 @@ def clearance(way, obstacles: list[ObstacleFile]) -> float:
     return min(nearest_obstacle(edges, len(edges), *place)[0] for place in places)
 
 
-def test_a_way_that_meets_nothing_is_the_path() -> None:
-    way = way_round(ACROSS, [ObstacleFile(disc_m=(0.0, 0.5, 0.03))], "path 1")
-    assert np.array_equal(way.pieces, build_path(ACROSS, "path 1").pieces)
-
-
 @pytest.mark.parametrize("obstacle", [
     ObstacleFile(disc_m=(0.0, 0.4, 0.02)), ObstacleFile(disc_m=(0.03, 0.41, 0.02)), BOX,
     ObstacleFile(polygon_m=((0.0, 0.41), (0.03, 0.44), (-0.03, 0.44))),
@@ -113,14 +108,6 @@ def test_of_the_two_ways_round_a_disc_the_shorter_is_taken_and_is_hardly_longer_
     half = math.sqrt(radius**2 - off**2)  # it leaves the path where it comes too near, not before
     arc = 2.0 * radius * math.acos(off / radius)
     assert way.length == pytest.approx(0.2 - 2.0 * half + arc, rel=0.02)
-
-
-def test_several_obstacles_are_walked_round_one_after_the_other() -> None:
-    discs = [ObstacleFile(disc_m=(-0.05, 0.405, 0.012)), ObstacleFile(disc_m=(0.05, 0.395, 0.012))]
-    way = way_round(ACROSS, discs, "path 1")
-    places = np.array([point_at(way, s)[:2] for s in np.linspace(0.0, way.length, 2000)])
-    assert clearance(way, discs) >= 0.02
-    assert places[places[:, 0] < 0.0, 1].min() < 0.39 and places[places[:, 0] > 0.0, 1].max() > 0.41
 
 
 @pytest.mark.parametrize("obstacle", [

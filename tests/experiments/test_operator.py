@@ -92,15 +92,6 @@ def test_a_handle_that_stands_beside_the_end_is_pulled_at_the_end_by_people_who_
 
 
 @pytest.mark.nojit
-def test_people_whose_error_comes_from_the_device_lead_the_handle_along_the_path_itself():
-    path = line((-0.1, 0.4), (0.1, 0.4))
-    person = noiseless(load_population("from-device").draw(np.random.default_rng(4)))
-    tips = np.stack([np.linspace(-0.1, 0.1, 3000), np.full(3000, 0.4)], axis=1)
-    targets, held = Scripted(person, path).move(tips)
-    assert np.all(targets[:, 1] == 0.4) and np.all(held[:, 1] == 0.0)
-
-
-@pytest.mark.nojit
 def test_turning_the_scene_turns_what_the_operator_does():
     person, n = noiseless(somebody(3)), 400
     generator = np.random.default_rng(0)
@@ -129,19 +120,6 @@ def test_on_a_bend_the_arm_stays_soft_along_the_path_and_stiff_across_it():
     along = k[0] * ux * ux + 2.0 * k[1] * ux * uy + k[2] * uy * uy
     across = k[0] * uy * uy - 2.0 * k[1] * ux * uy + k[2] * ux * ux
     assert (along, across) == pytest.approx((person.stiffness_along_N_m, person.stiffness_across_N_m))
-
-
-@pytest.mark.nojit
-def test_at_go_the_virtual_hand_starts_from_where_it_holds_the_handle():
-    """What it learned at the start, say to push against the drag, is kept in a path of any direction."""
-    for end in ((0.1, 0.4), (-0.1, 0.5), (-0.2, 0.25)):
-        path = line((-0.1, 0.4), end)
-        hand = Scripted(noiseless(somebody(11)), path)
-        hand.operator["progress"][0] = 1.0
-        held = hand.move(np.tile((-0.1025, 0.399), (600, 1)), tick_log.HOLD)[0]
-        assert np.hypot(*(held[-1] - (path.x0, path.y0))) > 0.001
-        gone = hand.move(np.tile((-0.1025, 0.399), (5, 1)))[0]
-        np.testing.assert_allclose(gone, np.tile(held[-1], (5, 1)), atol=1e-4)
 
 
 def test_at_a_handle_that_stands_the_push_grows_to_its_limit_and_eases_once_the_handle_moves():

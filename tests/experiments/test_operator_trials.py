@@ -126,20 +126,6 @@ def test_steady_people_reach_the_end_whatever_the_controller(name):
                 assert trial.outcome()["status"] == "done", (seed, path, number)
 
 
-def test_a_heavy_lightly_damped_arm_does_not_shake_itself_away_from_the_start():
-    for seed in range(4):
-        person = somebody(seed, damping_N_s_m=7.0, mass_kg=2.4, seen_gain_per_s=4.0)
-        for path in PAPER.paths.values():
-            trial, rows = one_trial(person, path=path, seed=seed, device="four-brake")
-            assert trial.outcome()["status"] == "done"
-            approach = rows[rows[:, tick_log.PHASE] < tick_log.MOVE]
-            late = approach[2500:]
-            assert len(approach) < 15_000
-            assert np.all(
-                np.hypot(late[:, tick_log.TIP_X] - path.start_m[0], late[:, tick_log.TIP_Y] - path.start_m[1]) < 0.03
-            )
-
-
 def test_the_mass_of_the_arm_is_on_the_hands_side_of_the_force_sensor():
     """The sensor reads what the arm exerts less what its own mass takes."""
     person = somebody(8)

@@ -44,12 +44,3 @@ def test_a_report_of_ones_own_experiment_compares_its_controllers_by_name(tmp_pa
     (line,) = [one for one in text.splitlines() if one.startswith("| mean tip force (N) | three-brake | Soft")]
     assert f"{found.value:+.2f} ({found.low:+.2f} to {found.high:+.2f})" in line
     assert line.endswith(f"| {found.p_holm:.3f} |")
-
-
-def test_the_note_on_figures_names_rules_and_low_gain_only_where_a_controller_has_them():
-    guides = protocol_of(GUIDES)
-    assert "settled rules" in guides.note() and "low gain" not in guides.note()
-    free = protocol_of(
-        GUIDES.split("[[controller]]\nnumber = 1")[0] + '[[controller]]\nnumber = 1\nname = "Free"\nkind = "none"\n'
-    )
-    assert "rules" not in free.note()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from paths import NEAR_RATIO, curves, point, segments, turtle
+from paths import curves, point, segments, turtle
 
 from core.files import InputError
 from core.path import (
@@ -46,15 +46,6 @@ def test_a_segment_is_its_infinite_line_to_the_last_bit(path, at):
     assert on_piece(path, follow(path, 0, *at), *at) == nearest(path, *at)
 
 
-@given(point, point)
-def test_a_polyline_of_two_points_is_a_segment(start, end):
-    assume(1e-3 < math.dist(start, end))
-    segment, polyline = build_path(Segment(start, end), "it"), build_path(Polyline((start, end)), "it")
-    assert np.array_equal(segment.pieces, polyline.pieces)
-    assert polyline.length == segment.length and (polyline.x0, polyline.y0) == (segment.x0, segment.y0)
-    assert (polyline.x1, polyline.y1) == pytest.approx((segment.x1, segment.y1), abs=1e-15)
-
-
 @given(curves, share, st.floats(-0.003, 0.003))
 def test_a_tip_offset_to_the_left_is_that_far_from_the_path_and_no_further_along_it(path, of_length, offset):
     s = of_length * path.length
@@ -82,22 +73,6 @@ def test_the_path_lies_at_right_angles_to_the_way_to_its_nearest_point(path, at)
     assume(abs(distance) > CORNER_M and progress > -1.0)
     x, y, _, _ = point_at(path, progress)
     assert (x - distance * ty, y + distance * tx) == pytest.approx(at, abs=1e-9), "left is positive"
-
-
-@given(curves, share, st.floats(0.0, 0.003), st.floats(-math.pi, math.pi))
-def test_progress_does_not_leap_for_a_tip_that_stays_near_the_path(path, of_length, off, angle):
-    s = of_length * path.length
-    x, y, _, _ = point_at(path, s)
-    progress, _, _, _ = nearest(path, x + off * math.cos(angle), y + off * math.sin(angle))
-    assert abs(progress - s) <= NEAR_RATIO * 2.0 * off + 0.008, "0.008: nearness is checked every 2 mm"
-
-
-@given(curves, st.floats(-0.1, 1.1), st.floats(0.0, 0.01))
-def test_points_of_the_path_are_no_further_apart_than_the_way_between_them(path, of_length, way):
-    s = of_length * path.length
-    there = point_at(path, s + way)
-    assert math.dist(point_at(path, s)[:2], there[:2]) <= way + 1e-12
-    assert math.hypot(*there[2:]) == pytest.approx(1.0)
 
 
 @given(curves, st.floats(0.0, 0.01), st.floats(-0.004, 0.004))
@@ -182,12 +157,6 @@ def test_the_end_is_reached_along_the_path_only():
     circle = build_path(Arc((0.0, 0.35), 0.1, 0.0, 360.0), "it")
     assert not arrived(circle, 0, 0.04, circle.x0, circle.y0), "the start, which is the end"
     assert arrived(circle, 3, 0.04, circle.x1, circle.y1)
-
-
-@given(segments, share, st.floats(-math.pi, math.pi), st.floats(0.0, 0.02))
-def test_on_a_segment_the_end_is_reached_wherever_it_is_near(path, fraction, angle, radius):
-    away = fraction * 0.999 * radius
-    assert arrived(path, 0, radius, path.x1 + away * math.cos(angle), path.y1 + away * math.sin(angle))
 
 
 @pytest.mark.parametrize(

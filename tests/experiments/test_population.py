@@ -8,12 +8,7 @@ from people import AVERAGE
 from scipy import stats
 
 from core.files import InputError, shipped_names
-from experiments.trial.operator import Person
 from experiments.trial.population import LIMITS, SHIPPED_FOLDER, load_population
-
-#: what a name may end in; the rest are pure numbers
-UNITS = ("_N_m", "_N_s_m", "_N_s", "_N", "_kg", "_m_s", "_per_s", "_s", "_m", "_Hz")
-PURE = {"skill", "felt_gain", "noise_share", "sees_cursor", "aims_at_end"}
 
 
 @pytest.fixture
@@ -30,18 +25,6 @@ def refused(tmp_path):
         return str(error.value)
 
     return refusal
-
-
-@pytest.mark.parametrize("name", shipped_names(SHIPPED_FOLDER))
-def test_every_shipped_number_has_a_unit_and_a_source_and_says_where_it_is_assumed(name):
-    population = load_population(name)
-    assert population.name == name and tuple(population.spreads) == Person._fields == tuple(LIMITS)
-    for key, spread in population.spreads.items():
-        assert key in PURE or key.endswith(UNITS), key
-        assert len(spread.source) > 6, key
-        published = re.search(r"PMC|PMID|srep|[A-Z]\w+ \d{4}", spread.source)
-        assert published or spread.source.startswith("assumed"), key
-    assert population.assumed_of == ("people",)
 
 
 def test_people_whose_error_comes_from_the_device_have_no_error_of_their_own_and_tune_nothing_to_findings():
@@ -110,9 +93,3 @@ def test_a_seed_is_the_same_place_in_every_population():
 )
 def test_a_file_that_cannot_be_meant_is_refused_by_file_key_and_reason(refused, key, line, said):
     assert said in refused(key, line)
-
-
-def test_a_population_that_does_not_exist_is_refused_and_the_shipped_ones_are_named():
-    assert shipped_names(SHIPPED_FOLDER) == ["average", "from-device", "steady", "tremulous"]
-    with pytest.raises(InputError, match="nobody.*average, from-device, steady, tremulous"):
-        load_population("nobody")

@@ -66,11 +66,6 @@ def test_the_interval_holds_the_true_number():
 
 
 @pytest.mark.usefixtures("rough")
-def test_more_people_than_can_be_had_are_no_number():
-    assert people_needed(people(0.0, 0.0), (0, 1), FOUND, seed=1).people is None
-
-
-@pytest.mark.usefixtures("rough")
 def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tmp_path):
     protocol = short(paths=1)
     asked = question_of(protocol, ("none", "4"), "path_error_m", FOUND)
@@ -98,3 +93,8 @@ def test_a_question_that_says_nothing_is_refused_and_nothing_is_half_written(tmp
         question_of(protocol, ("soft", "1"), "path_error_m", FOUND)
     with pytest.raises(InputError, match="there is no 'speed'"):
         question_of(protocol, ("1", "2"), "speed", FOUND)
+
+
+@pytest.mark.usefixtures("rough")
+def test_more_people_than_can_be_had_are_no_number():
+    assert people_needed(people(0.0, 0.0), (0, 1), FOUND, seed=1).people is None

@@ -150,13 +150,13 @@ def check(image: Path, acks: list[str], whole: dict[int, Recording]) -> str:
 
 
 def told(records: list) -> list[int]:
-    """The moments at which something was just acknowledged: the first and the last of each kind."""
+    """The moments at which something was just acknowledged: the last of each kind."""
     kinds: dict[tuple, list[int]] = {}
     for k, record in enumerate(records, start=1):
         if record[3].endswith(f"/{ACK}") and record[4]:
             said = json.loads(record[4])
             kinds.setdefault((*said, said.get("run"), said.get("row")), []).append(k)
-    return sorted({moments[at] for moments in kinds.values() for at in (0, -1)}, reverse=True)
+    return sorted({moments[-1] for moments in kinds.values()}, reverse=True)
 
 
 def cuts(disk: RecordedDisk, count: int, seed: int) -> Counter:

@@ -11,14 +11,13 @@ from exports import rows as csv_rows
 from msgspec.structs import replace
 from refusals import refusal
 
-from app.cli import main
 from core.control.controllers import PARAMETERS
 from core.device import SHIPPED_FOLDER as DEVICES
 from core.device import load_device
 from core.device_file import SHIPPED_FOLDER as BRAKES
 from core.files import InputError, toml_text
 from core.path import build_path, point_at
-from experiments.language import ENGLISH_WORDS, FOLDER, read_language, shipped_languages
+from experiments.language import FOLDER, read_language
 from experiments.paper_figures.directions import HALF_TURN, force_lines
 from experiments.protocol import (
     SHIPPED_FOLDER,
@@ -70,13 +69,6 @@ def test_they_are_stored_in_full_and_come_back_without_the_file(tmp_path):
     mine, before = protocol_from_json(stored, "stored").device("mine"), load_device("four-brake")
     assert mine.brakes.k[0].tolist() == (0.5 * before.brakes.k[0]).tolist()
     assert protocol_to_json(protocol_from_json(stored, "stored")) == stored
-
-
-def test_the_command_line_may_choose_among_them(tmp_path, capsys):
-    path = protocol_file(tmp_path)
-    assert [one.name for one in load_protocol(path, devices=["other"]).devices] == ["other"]
-    assert main(["run", str(path), "--device", "mine", "--print-plan"]) == 0
-    assert "mine" in capsys.readouterr().out
 
 
 WRONG = {
@@ -164,11 +156,6 @@ def with_lines(folder: Path, *lines: str, text: str = PAPER) -> Path:
     path = folder / "mine.toml"
     path.write_text("\n".join(lines) + "\n" + text, encoding="utf-8")
     return path
-
-
-def test_english_and_german_are_shipped_with_the_same_sentences() -> None:
-    assert {"en", "de"} <= set(shipped_languages())
-    assert set(read_language(GERMAN, "de")) == set(ENGLISH_WORDS)
 
 
 @pytest.mark.parametrize(
@@ -281,14 +268,6 @@ def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:
     assert file.read_bytes() == first
     save_protocol(file, protocol_text(shipped("displays")), replacing=True)
     assert load_protocol(file).name == "displays" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
-
-
-def test_what_cannot_be_run_or_written_leaves_nothing(tmp_path) -> None:
-    with pytest.raises(InputError, match=r"mine\.toml: blocks must be at least 1, not 0"):
-        save_protocol(tmp_path / "mine.toml", protocol_text({**shipped("paper"), "blocks": 0}))
-    with pytest.raises(InputError, match="cannot be written"):
-        save_protocol(tmp_path / "no" / "mine.toml", protocol_text(shipped("paper")))
-    assert not list(tmp_path.iterdir())
 
 
 def without_valid_brake(device, path_file, side):

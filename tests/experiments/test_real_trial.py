@@ -58,7 +58,7 @@ def recorded(rows: np.ndarray, device, outcome: dict, path: Path, sensors: Senso
     return read_recording(record(path.parent / path.stem, rows, device.braked, outcome, sensors=sensors))
 
 
-@pytest.mark.parametrize(("device", "controller", "seed"), [("four-brake", 2, 3), ("three-brake", 3, 6)])
+@pytest.mark.parametrize(("device", "controller", "seed"), [("four-brake", 2, 3)])
 def test_a_trial_on_the_board_has_the_simulated_devices_measures_and_energies(
     device: str, controller: int, seed: int, tmp_path: Path
 ) -> None:

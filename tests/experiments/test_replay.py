@@ -2,9 +2,7 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,19 +47,6 @@ def test_no_brake_adds_energy_and_the_ledger_closes_whatever_the_hand_is_led_thr
         for asked in ((2, "three-brake"), (4, "four-brake")):
             after = replay(path, Replacement(*asked))["after"]
             assert after["energy_added_max_J"] == 0.0 and abs(after["energy_residual_J"]) < 1e-6, asked
-
-
-def test_another_controller_brakes_and_another_device_has_its_own_brakes(data, tmp_path):
-    path = by_controller(data, 1)
-    told = replay(path, Replacement(4, "four-brake"), out=tmp_path / "out.csv")
-    assert told["after"]["controller"] == "4 Proportional, high gain" and told["after"]["device"] == "four-brake"
-    metrics = told["metrics"]
-    assert metrics["switches_per_s"]["before"] == 0.0 < metrics["switches_per_s"]["after"]
-    assert metrics["path_error_m"]["after"] < metrics["path_error_m"]["before"]
-    for metric in metrics.values():
-        if metric["change"] is not None:
-            assert metric["change"] == metric["after"] - metric["before"]
-    assert "torque_C_N_m" in table_of(tmp_path / "out.csv") and "C" not in read_recording(path).braked
 
 
 def test_a_handle_that_cannot_follow_is_where_the_recorded_hand_ends(data):
@@ -183,15 +168,6 @@ def test_a_blind_trial_is_replayed_only_through_a_controller_that_is_named(tmp_p
     assert main(["replay", path, "--controller", "1", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["before"]["controller"].startswith("K") and told["metrics"]["switches_per_s"]["before"] is None
-
-
-def test_without_options_it_plays_on_the_screen(data, monkeypatch):
-    played, path = [], recordings(data)[0]
-    window = SimpleNamespace(run=lambda recording: played.append(recording) or 0)
-    monkeypatch.setitem(sys.modules, "app.window.analyse.trial_view", window)
-    monkeypatch.setattr("app.verbs.folders.ScreenCheck", lambda *_: SimpleNamespace(check=lambda *_: None))
-    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
-    assert main(["replay", str(path)]) == 0 and played == [path]
 
 
 def table_of(path):

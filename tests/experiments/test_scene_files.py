@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from app.cli import main
-from core.device import COBOT_FOLDER
 from core.files import InputError
-from experiments.simulate.cobot_scene import CobotRun, read_cobot_scene, simulate_cobot
+from experiments.simulate.cobot_scene import CobotRun, read_cobot_scene
 from experiments.simulate.scene import read_scene
 
 SCENE = """\
@@ -53,17 +52,6 @@ def _read_plain_scene():
 _SCENE = _read_plain_scene()
 
 
-def test_a_scene_without_tables_leaves_brakes_and_hand_at_zero(scene):
-    s = scene()
-    assert (s.fidelity, s.integrator, s.output_every, s.steps, s.rows) == ("ideal", "event", 1, 20, 21)
-    assert not s.schedule.any() and not s.force.any() and not s.initial_velocity.any()
-
-
-def test_output_rows_are_whole_intervals_of_whole_steps(scene):
-    s = scene("output_interval_s = 5e-3\n")
-    assert (s.output_every, s.steps, s.rows) == (5, 20, 5)
-
-
 def test_constants_hold_for_the_whole_scene_and_unnamed_joints_are_zero(scene):
     s = scene("[brakes]\ntorque_N_m = {A = 5.6, B = 0.3, C = 0}\n[force]\nconstant_N = [10, -1]\n")
     assert s.schedule.tolist() == [[5.6, 0.0, 0.3, 0.0]] and s.schedule_t[0] <= 0.0
@@ -75,17 +63,6 @@ def test_a_schedule_overrides_the_constants_in_columns_of_any_order_that_may_be_
     s = scene(more, brakes="t_s,B,C,A\n-1,0.1,0,0.2\n0.005,0.3,0,0.4\n")
     assert s.schedule_t.tolist() == [-1.0, 0.005]
     assert s.schedule.tolist() == [[0.2, 0.0, 0.1, 0.0], [0.4, 0.0, 0.3, 0.0]]
-
-
-def test_currents_go_with_the_real_brake(scene):
-    for fidelity in ("static", "mr"):
-        s = scene(f'fidelity = "{fidelity}"\n[brakes]\ncurrent_amperes = {{E = 1.0}}\n')
-        assert s.schedule.tolist() == [[0.0, 1.0, 0.0, 0.0]]
-
-
-def test_a_force_file_is_taken_as_it_stands(scene):
-    s = scene('[force]\nfile = "force.csv"\n', force="t_s,fx_N,fy_N\r\n0,1,2\r\n\r\n0.02,3,4e-1\r\n")
-    assert s.force_t.tolist() == [0.0, 0.02] and s.force.tolist() == [[1.0, 2.0], [3.0, 0.4]]
 
 
 def test_paths_are_relative_to_the_scene_file(scene, tmp_path: Path, monkeypatch):
@@ -226,16 +203,6 @@ def test_a_free_caster_moves_as_the_free_body_under_a_force_file(tmp_path, capsy
     (tmp_path / "hand.csv").write_text("t_s,fx_N,fy_N,torque_N_m\n0,0,0,0\n1,30,0,0\n")
     columns, _, _ = simulated(tmp_path, capsys, FREE + 'file = "hand.csv"\n')
     assert columns["x_m"][-1] == pytest.approx(1.0 / 6.0, rel=1e-6), "a = t m/s2"
-
-
-def test_a_cobot_is_assumed_by_the_rule_of_devices(tmp_path):
-    text = FREE.replace("scooter", "own.toml").replace("1.0", "0.01")
-    (tmp_path / "scene.toml").write_text(f"{text}constant = [1.0, 0.0, 0.0]\n")
-    shipped = (COBOT_FOLDER / "scooter.toml").read_text()
-    for number, said in enumerate(("measured", "measured; one hub assumed", "")):
-        (tmp_path / "own.toml").write_text(shipped.replace('provenance = "assumed"', f'provenance = "{said}"'))
-        summary = simulate_cobot(read_cobot_scene(tmp_path / "scene.toml"), tmp_path / f"{number}.csv")
-        assert summary["assumed"] == (said != "measured")
 
 
 def test_a_cobot_may_have_one_castor_and_a_long_scene_is_the_same_in_chunks(tmp_path):

@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.cli import main
-from core.files import InputError
 from core.simulator.simulation import ROW_WIDTH, STUCK
 from experiments.simulate import simulate as simulate_module
 from experiments.simulate.scene import Scene, read_scene
@@ -116,13 +115,6 @@ def test_motion_that_is_not_finite_is_never_written(scene, tmp_path: Path, monke
     with pytest.raises(FloatingPointError, match=r"no longer finite at t = 0\.005 s"):
         simulate(scene(), tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
-
-
-def test_an_existing_output_file_is_left_as_it_was(scene, tmp_path: Path, ramp):
-    (tmp_path / "out.csv").write_text("mine")
-    with pytest.raises(InputError, match="exists already"):
-        simulate(scene(), tmp_path / "out.csv")
-    assert (tmp_path / "out.csv").read_text() == "mine"
 
 
 def test_a_row_shows_the_state_after_what_happens_at_its_time(scene, tmp_path: Path):

@@ -56,9 +56,14 @@ def elsewhere(received: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     return tmp_path / "study"
 
 
+#: Figures and error bars, which take longest, are left out.
+BRIEFLY = f"import sys; sys.path.insert(1, {str(ROOT / 'tests/support')!r}); import conclusions\n"
+
+
 def python(script: str) -> subprocess.CompletedProcess:
     """Run Python code, without a terminal."""
     about = {"cwd": ROOT, "text": True, "stdin": subprocess.DEVNULL, "capture_output": True, "check": False}
+    script = f"{BRIEFLY}with conclusions.left_out():\n" + "".join(f"    {line}\n" for line in script.splitlines())
     return subprocess.run([sys.executable, "-c", script], **about)
 
 
@@ -88,7 +93,6 @@ def test_nobody_was_asked_so_nothing_runs_and_tables_keep_what_was_recorded(else
         ["study", "--resume", "--out", elsewhere],
     )  # fmt: skip
     one_after_another = f"""
-import sys
 from app.cli import main
 for verb in {[[str(word) for word in verb] for verb in verbs]}:
     print("exit code", main(verb), file=sys.stderr)

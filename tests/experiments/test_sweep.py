@@ -22,8 +22,6 @@ from refusals import refusal
 from scipy.stats import rankdata
 from waiting import wait_until
 
-from app.cli import main
-from core.files import InputError
 from experiments.analysis.metrics import BY_NAME
 from experiments.assumptions import SENSINGS
 from experiments.protocol import load_protocol
@@ -125,17 +123,6 @@ def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     assert jobs[1].run().rows != one
 
 
-def test_a_changed_file_is_not_mixed_into_a_sweep_that_was_begun(file, whole):
-    out = whole[1]
-    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
-    file.write_text(SMALL.replace("0.005", "0.004"))
-    with pytest.raises(InputError, match="a sweep was begun with another sweep"):
-        run_sweep(load_sweep(file), out, resume=True)
-    with pytest.raises(InputError, match="is not empty"):
-        run_sweep(load_sweep(file), out)
-    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
-
-
 WRONG = {
     "the same seed twice": ("seed = [1, 1]\n" + SMALL, "seed: the same value is given twice"),
     "unknown kind": (SMALL.replace('"none"', '"magic"'), "kind"),
@@ -169,13 +156,6 @@ def test_a_wrong_sweep_file_is_one_sentence_and_nothing_written(file, tmp_path, 
     file.write_text(text)
     assert says in refusal(capsys, "study", "--sweep", file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_what_stands_in_the_file_cannot_be_said_beside_it(file, tmp_path, capsys):
-    assert main(["study", "--sweep", str(file), "--operators", "3", "--out", str(tmp_path / "out")]) == 2
-    assert "--operators: stands in the file of a sweep" in capsys.readouterr().err
-    assert main(["study", "--cluster", "tcp://x:1", "--out", str(tmp_path / "out")]) == 2
-    assert "--cluster: is for --sweep alone" in capsys.readouterr().err
 
 
 def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path):

@@ -1,6 +1,5 @@
 """trials.csv: the promised columns, the same bytes for the same rows, nothing lost on the way back."""
 
-import math
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -39,27 +38,12 @@ FULL = with_measures(
 )
 
 
-def test_columns_are_the_promised_ones_in_order():
-    assert list(COLUMNS[: len(PROMISED)]) == PROMISED
-    assert table_bytes(as_table([])) == ",".join(PROMISED).encode() + b"\n"
-
-
 def test_a_row_stands_in_full_precision_with_empty_cells_where_nothing_was_measured(tmp_path):
     row = with_measures(ROW, path_error_m=1 / 3, duration_s=2.0)
     line = b"01,7,1,three-brake,2,1,1,done,0.3333333333333333,,,,,,2.0,,,,,,trials/run-007.parquet,,"
     assert table_bytes(as_table([row])).splitlines()[1] == line
     write_rows(tmp_path / "trials.csv", [row])
     assert read_rows(tmp_path / "trials.csv") == [row]
-
-
-def test_a_later_measure_has_a_column_only_where_some_trial_has_it(tmp_path):
-    later = [name for name in COLUMNS[len(PROMISED) :] if name in MEASURES]
-    assert later and COLUMNS[len(PROMISED) :] == (*later, "controller_name")
-    for name in later:
-        row = with_measures(ROW, **{name: 0.5})
-        assert table_bytes(as_table([ROW, row])).splitlines()[0].decode().split(",") == [*PROMISED, name]
-        write_rows(tmp_path / f"{name}.csv", [ROW, row])
-        assert read_rows(tmp_path / f"{name}.csv") == [ROW, row]
 
 
 @given(st.tuples(*[st.none() | st.floats(allow_nan=False, allow_infinity=False)] * len(MEASURES)))
@@ -130,14 +114,6 @@ def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
     path.write_text(spoil(table_bytes(as_table([FULL])).decode()))
     with pytest.raises(InputError, match=word):
         read_rows(path)
-
-
-@pytest.mark.parametrize(
-    "column, value", [("measures", {"sparc": math.nan}), ("run", 1.5), ("status", "fine"), ("run", None)]
-)
-def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
-    with pytest.raises(ValueError, match="sparc" if column == "measures" else column):
-        table_bytes(as_table([replace(FULL, **{column: value})]))
 
 
 def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often() -> None:

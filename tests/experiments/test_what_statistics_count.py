@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 from test_boxplots import study
 
-from experiments.analysis.findings import BELOW, ERROR, Claim, Evidence
 from experiments.analysis.report_sentences import sentences
-from experiments.analysis.statistics import Interval, pairs, statistics, trend
+from experiments.analysis.statistics import pairs, statistics, trend
 from experiments.analysis.trials_table import as_table
 
 
@@ -37,20 +36,3 @@ def test_four_people_show_no_learning_and_are_said_to_be_too_few_for_a_p(people,
     said = " ".join(sentences(statistics(as_table(rows))))
     assert all(word in said for word in words) and not any(word in said for word in never)
     assert all(bool(result.missing) == (people < 6) for result in trend(as_table(rows), "path_error_m"))
-
-
-@pytest.mark.parametrize(
-    ("share", "unit", "words", "never"),
-    [
-        (-0.5, 0.008, ("-4 mm", "-50 % of the mean without control, 8 mm", "needed: -1.2 mm or lower (15 %)"), ()),
-        (-5.88, 0.001, ("-5.88 mm (-6.88 to -4.88)", "for comparison, the mean without control, 1 mm"), ("588",)),
-    ],
-)
-def test_a_difference_stands_in_its_unit_first_and_in_percent_only_of_a_mean_that_is_not_tiny(
-    share, unit, words, never
-):
-    claim = Claim(BELOW, ERROR, (2,), (1,))
-    found = Interval(6, share, share - 1.0, share + 1.0)
-    said = Evidence(claim, ERROR, ("three-brake", "three-brake"), claim.matters, "", unit, found).judged
-    assert all(word in said for word in words) and not any(word in said for word in never), said
-    assert "%" not in said.split(" mm")[0]

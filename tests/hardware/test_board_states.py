@@ -111,14 +111,6 @@ def test_what_a_state_does_not_watch_for_is_never_met_there(state: State, event:
         assert bench.state == state and not UNSEEN & set(bench.board.seen)
 
 
-def test_a_board_that_is_commanded_stays_active() -> None:
-    bench = in_state(State.ACTIVE)
-    for _ in range(3000):
-        bench.command()
-        bench.tick()
-    assert bench.state == State.ACTIVE and not UNSEEN & set(bench.board.seen)
-
-
 def coverage() -> str:
     """How many pairs of the table are of each kind."""
     kinds = Counter(says if says not in State.__members__ else "change" for says in (handling(*pair) for pair in PAIRS))
@@ -207,13 +199,6 @@ def test_homing_a_joint_without_encoder_is_refused(joints: int) -> None:
     bench.connect()
     assert bench.tell(Home(joints, (1, 2, 3, 4))) == [Refused(4, Refusal.BAD_VALUE)]
     assert samples(bench.tick())[0].counts == (0, 0)
-
-
-def test_counters_go_round_as_32_bits_do() -> None:
-    bench = SimulatedBoard()
-    bench.connect()
-    bench.tell(Home(0b0001, (2**31 - 1, 0, 0, 0)))
-    assert samples(bench.tick(counts=(1, 0, 0, 0)))[0].counts[0] == -(2**31)
 
 
 def test_power_up_begins_everything_anew_and_says_so() -> None:

@@ -12,7 +12,7 @@ from core.device_interface import DeviceError
 from core.files import InputError
 from hardware.emulated_board import plug
 from hardware.emulated_board.plug import CONTROL, LOOPBACK, PORT, TcpPort, emulated_ports
-from hardware.serial_port import Port, is_address, is_missing, limit_buffers
+from hardware.serial_port import Port, is_address, is_missing
 
 FRAME = bytes(range(1, 67)) + b"\0"
 PATIENT_S = 30.0
@@ -89,12 +89,6 @@ def test_a_board_that_does_not_read_never_holds_the_host_up(board: TcpPort) -> N
         host.write(FRAME)
         assert time.monotonic() - began < PATIENT_S
     host.close()
-
-
-def test_both_ends_send_at_once() -> None:
-    with socket.socket() as end:
-        limit_buffers(end)
-        assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 ADDRESSES = [

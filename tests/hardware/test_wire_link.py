@@ -195,16 +195,6 @@ def test_a_fault_that_still_stands_is_not_reset(bench: Bench, link: SerialDevice
         link.reset()
 
 
-def test_closing_leaves_the_board_idle_without_current(bench: Bench) -> None:
-    link = reached(bench)
-    run(link, 10, (0.5,) * 4)
-    link.close()
-    bench.tick()
-    assert bench.board.state == State.IDLE and bench.board.currents == (0, 0, 0, 0)
-    assert link.exchange((0.5,) * 4) is None and link.problem == "closed"
-    link.close()
-
-
 def test_limits_that_were_not_asked_for_are_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
     ask = Connection.ask
@@ -293,14 +283,6 @@ def test_a_power_up_that_the_board_does_not_count_is_a_fault_until_a_person_rese
     once_back(bench, link)
     assert link.zeroed and not any(s.fault for s in run(link, 20)), "this time it went on"
     link.close()
-
-
-def test_a_board_that_was_away_while_its_zero_was_taken_has_none(bench: Bench, link: SerialDevice) -> None:
-    bench.fault("unplug@0.1+0.1")
-    with pytest.raises(DeviceError, match="zero: "):
-        link.zero()
-    once_back(bench, link)
-    assert not link.zeroed and not link.sensing.force.zero.any()
 
 
 def test_a_board_that_was_away_for_a_moment_while_its_zero_was_taken_has_none(bench, link, monkeypatch) -> None:
