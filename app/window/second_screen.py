@@ -25,7 +25,7 @@ class SecondScreen(QObject):
 
     def __init__(self, main: QWidget, participant: QWidget, say: Callable[[str, str], object]) -> None:
         """say: shows the experimenter a message, by its title and text."""
-        super().__init__()
+        super().__init__(main)
         self._main, self._participant, self._say = main, participant, say
         self._moves, self._said = 0, False
         self._timer = QTimer(self, singleShot=True, interval=LOOK_MS)

@@ -1,11 +1,8 @@
 """What a board makes of a trial's measures, and which part of it the highest gain does not bear."""
 
-import pytest
-
 from experiments.protocol import load_protocol
-from hardware.sensing.samples import WINDOW
 from tests.benchmarks.board_bench import settings
-from tests.benchmarks.board_trials import ALL, Effects, Setting, on_the_board, on_the_simulated_device
+from tests.benchmarks.board_trials import ALL, Setting, on_the_board, on_the_simulated_device
 
 SETTINGS = settings(load_protocol(low_gain=5.0, sensing="ideal"))
 #: By which a trial of controllers 1, 3 and 5 on the board may differ from the simulated one (docs/bench.md).
@@ -26,11 +23,3 @@ def test_a_board_changes_the_measures_by_less_than_the_stated_tolerance() -> Non
     off = {name: abs(board[name] / here[name] - 1.0) for name in TOLERANCE}
     assert all(off[name] <= most for name, most in TOLERANCE.items()), off
     assert max(off.values()) > 0.0, "the board leaves no mark"
-
-
-def test_it_is_the_filters_lag_and_not_the_encoder_that_the_highest_gain_does_not_bear() -> None:
-    setting = setting_of("four-brake", 4)
-    _, here = on_the_simulated_device(setting)
-    error = {how: on_the_board(setting, how)[1]["path_error_m"] for how in (Effects(1), Effects(window=WINDOW))}
-    assert error[Effects(1)] == pytest.approx(here["path_error_m"], rel=0.25), "steps alone, with a true velocity"
-    assert error[Effects(window=WINDOW)] > 1.5 * here["path_error_m"], "the lag alone, with exact positions"

@@ -77,12 +77,6 @@ def test_what_is_not_known_is_a_dash_and_never_an_old_value(page: DevicePage) ->
     assert page.values["Tip force"].text() == "0.0 N   x 0.0   y 0.0 N", "and nothing has no sign"
 
 
-def test_what_keeps_trials_from_starting_is_the_servers_own_check_with_what_to_do(page: DevicePage) -> None:
-    bad = m.Check("Device", m.BAD, "not homed", "Home the encoders: until then the position of the handle is unknown.")
-    show(page, opened(**ON_BENCH), ready(3, checks=(bad, *WELL[1:])))
-    assert "Not homed. Home the encoders: until then" in texts(page)
-
-
 @pytest.mark.parametrize(
     ("counter", "says"),
     [("lost", "lost"), ("frames_bad", "damaged"), ("late_commands", "late"), ("not_closed", "contradict"),
@@ -117,12 +111,6 @@ def test_few_samples_and_clocks_that_run_apart_are_worth_a_word() -> None:
 def test_why_a_connection_was_lost_is_told_apart(counted: dict, says: list[str]) -> None:
     found = worth_a_look(status(counted), {})
     assert len(found) == len(says) and all(what in one for what, one in zip(says, found, strict=True))
-
-
-def test_samples_are_counted_by_the_clock_of_the_loop(page: DevicePage) -> None:
-    for second in range(1, 4):
-        page.show_pulse(told(status({"samples": 812_345 + 1000 * second}), float(second)))
-    assert "1000 samples a second" in texts(page)
 
 
 def test_what_encoders_give_before_they_are_homed_is_no_contradiction(page: DevicePage) -> None:
@@ -250,11 +238,3 @@ def test_before_homing_in_a_wrong_jig_the_page_names_the_distance_and_asks(bench
         assert "5.3 mm from its jig" in page.cards.question.text.text() and bench.sent == []
         bench.click(page.cards.question.buttons[answer])
         assert bench.sent == sent and page.cards.question is None
-
-
-def test_raw_numbers_are_behind_the_picture(bench: Bench, page: DevicePage) -> None:
-    assert page.view.isVisible() and "Clock drift" not in texts(page)
-    bench.click(page.raw)
-    assert not page.view.isVisible() and "Clock drift" in texts(page)
-    bench.click(page.raw)
-    assert page.view.isVisible()

@@ -2,10 +2,8 @@
 time. What the plug has no part in is tried on one of them."""
 
 import contextlib
-import gc
 import math
 import os
-import signal
 import socket
 import time
 from collections import Counter
@@ -14,7 +12,6 @@ from pathlib import Path
 
 import pytest
 from emulated import Emulated, when
-from real_bench import RealBench
 from refusals import refusal
 from simulated_bench import nothing_looks_for_the_board
 from waiting import LONG_S, wait_until
@@ -38,6 +35,7 @@ HELD_UP_S = 0.02  # longest that a host may be away before what the board says o
 
 HAS_TERMINALS = hasattr(os, "openpty")
 on_both = pytest.mark.parametrize("emulated", [(), ("--socket",)], ids=["terminal", "socket"], indirect=True)
+on_socket = pytest.mark.parametrize("emulated", [("--socket",)], ids=["socket"], indirect=True)
 
 
 @pytest.fixture(scope="module", params=[()], ids=["terminal"])
@@ -89,7 +87,6 @@ def until(link: SerialDevice, done: Callable[[], bool], currents=NO) -> None:
     wait_until(done, pause=lambda: link.exchange(currents))
 
 
-@on_both
 def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, link: SerialDevice) -> None:
     listened, end = False, time.perf_counter() + LONG_S
     while not listened and time.perf_counter() < end:
@@ -154,7 +151,7 @@ def at_rest(emulated: Emulated) -> list[float]:
     return emulated.order()["tip_m"]
 
 
-@on_both
+@on_socket
 def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(emulated: Emulated) -> None:
     before = at_rest(emulated)
     for name in ("three-brake", "four-brake"):
@@ -210,26 +207,6 @@ def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emul
     assert emulated.order()["state"] in ("IDLE", "FAULT")
 
 
-def test_the_operator_waits_at_the_start_to_be_told_and_goes(tmp_path: Path) -> None:
-    emulated = Emulated(tmp_path, "--hand", "operator", "--device", "three-brake", "--seed", "2")
-    try:
-        emulated.order(wait=True)
-        away_s = [0.0]
-
-        def has_rested() -> bool:
-            truth = emulated.order()
-            if math.dist(truth["tip_m"], (-0.10, 0.40)) > 0.01:  # it had gone before the order came
-                away_s[0] = truth["t_s"]
-            return truth["t_s"] >= away_s[0] + 1.5  # longer than it rests at the start by itself
-
-        wait_until(has_rested)
-        emulated.order(go=True)
-        wait_until(lambda: emulated.order()["tip_m"][0] >= -0.05)
-    finally:
-        assert emulated.end(signal.SIGINT) == 0
-    assert emulated.port not in emulated_ports()
-
-
 @pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
 def test_a_fault_may_act_from_the_start(text: str) -> None:
     tcp = None if HAS_TERMINALS else 0
@@ -238,19 +215,11 @@ def test_a_fault_may_act_from_the_start(text: str) -> None:
     assert emulator.port not in emulated_ports()
 
 
-WRONG = [["--fault", "drop=2"], ["--device", "nope"], ["--path", "0", "2", "0", "1"], ["--socket", "65536"]]
-
-
 def test_a_tcp_port_that_another_program_has_is_one_sentence(capfd: pytest.CaptureFixture) -> None:
     with socket.create_server((LOOPBACK, 0)) as taken:
         before = emulated_ports()
-        test_wrong_input_is_one_sentence_and_no_port(["--socket", str(taken.getsockname()[1])], capfd)
+        refusal(capfd, "emulate", "--socket", taken.getsockname()[1])
         assert emulated_ports() == before
-
-
-@pytest.mark.parametrize("arguments", WRONG)
-def test_wrong_input_is_one_sentence_and_no_port(arguments: list[str], capfd: pytest.CaptureFixture) -> None:
-    refusal(capfd, "emulate", *arguments)
 
 
 @pytest.mark.parametrize(
@@ -277,19 +246,3 @@ def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_
     assert "scheduling " in first and "orders to " in first
     if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
         assert max(os.sched_getaffinity(0)) not in os.sched_getaffinity(emulated.process.pid)
-
-
-def test_a_tick_leaves_nothing_that_only_a_search_for_garbage_would_free() -> None:
-    """The emulator, and the loop at its other end, run without one."""
-    bench = RealBench()
-    trial = bench.trial(2)
-    bench.run(trial, lambda trial: trial.ticks > 100)
-    while gc.collect():  # what compiling left, if anything was compiled
-        pass
-    gc.disable()
-    try:
-        bench.run(trial, lambda trial: trial.ticks > 600)
-        assert gc.collect() == 0
-    finally:
-        gc.enable()
-        bench.link.close()

@@ -27,8 +27,7 @@ def running_on(screens: Screens, page: str, editing: bool = False) -> QWidget:
     screens.hear(opened(), running())
     screens.main.show_page(page)
     if editing:
-        screens.main.pages[HOME].editor.open("paper")
-        screens.main.pages[HOME]._show_editor()
+        screens.main.pages[HOME].edit.click()
     screens.main.activateWindow()
     QTest.qWaitForWindowActive(screens.main)
     settle(screens.main)

@@ -31,13 +31,16 @@ PAGE = ROOT / "docs/bench.md"
 SOURCES = [file for part in ("hardware", "experiments", "app") for file in (ROOT / part).rglob("*.py")]
 WITH_TRIAL = "with the trial"  # that long the currents flow where the program finds the fault, not the board
 WIRE_MS = 3  # from the app's decision to the board
-EVERY = [pytest.param(fault, phase, BenchWire, id=f"{fault.name}-{phase}") for fault in HARD for phase in PHASES]
-#: Each fault once more over a TCP connection: the first in the first phase of a trial, the next in the next, and so
-#: round. Between trials the faults that are survived come over TCP.
-OVER_TCP = [
-    pytest.param(fault, phase, TcpWire, id=f"{fault.name}-{phase}-tcp")
-    for fault, phase in zip(HARD, itertools.cycle(tick_log.PHASES), strict=False)
-]
+#: Each fault comes over a TCP connection in one phase of a trial, the first in the first, the next in the next, and so
+#: round: in place of the serial port, in the movement as well as over it. Between trials the faults that are survived
+#: come over TCP.
+BY_TCP = [(fault.name, phase) for fault, phase in zip(HARD, itertools.cycle(tick_log.PHASES), strict=False)]
+EVERY = [
+    pytest.param(fault, phase, wire, id=f"{fault.name}-{phase}{'-tcp' if wire is TcpWire else ''}")
+    for fault in HARD for phase in PHASES for wire in (BenchWire, TcpWire)
+    if wire is BenchWire and (phase == "move" or (fault.name, phase) not in BY_TCP)
+    or wire is TcpWire and (fault.name, phase) in BY_TCP
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +77,7 @@ def check_told(case: Case) -> None:
     assert found and (not case.afterwards or any(fault.advice in case.afterwards for fault in FAULTS.values()))
 
 
-@pytest.mark.parametrize(("fault", "phase", "wire"), EVERY + OVER_TCP)
+@pytest.mark.parametrize(("fault", "phase", "wire"), EVERY)
 def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(fault, phase, wire, place) -> None:
     case = Case(place, fault, phase, wire)
     assert case.flowing == (phase == "move")

@@ -35,11 +35,6 @@ def test_a_new_experiment_can_be_planned_and_a_misspelt_key_of_it_is_asked_about
     assert "unknown key bloks, did you mean blocks?" in capsys.readouterr().err
 
 
-def test_a_device_that_is_not_shipped_is_no_start_of_an_experiment(tmp_path: Path, capsys):
-    assert main(["new", str(tmp_path / "mine"), "--device", "scooter"]) == 2
-    assert "--device: 'scooter' is no shipped device" in capsys.readouterr().err and not list(tmp_path.iterdir())
-
-
 def test_a_path_out_of_reach_is_refused_with_how_far_the_device_reaches(tmp_path: Path, capsys):
     assert main(["new", str(tmp_path / "mine")]) == 0
     protocol = tmp_path / "mine/experiment.toml"

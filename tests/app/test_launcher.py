@@ -1,7 +1,7 @@
 """The launchers `phd` and `phd.cmd`: set up once, redone when killed or outdated, nothing of their own on stdout.
 
-They run here in a small tree. In place of venv, pip and pytest are modules that write their call into a log; programs
-of the system are stand-ins on a PATH of their own.
+They run here in a small tree. In place of venv and pip are modules that write their call into a log; programs of the
+system are stand-ins on a PATH of their own.
 """
 
 import os
@@ -27,7 +27,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="of Debian")
 shell = pytest.mark.skipif(WINDOWS, reason="its tools are shell scripts here, its kills are signals")
 
 # Modules that `python -m` finds before its own, and those of the tree.
-LOG = "import os, pathlib, sys, time\nlog = open(os.environ['LOG'], 'a')\n"
+LOG = "import os, sys, time\nlog = open(os.environ['LOG'], 'a')\n"
 VENV = """
 print("venv", file=log)
 sys.path.remove(os.environ["PYTHONPATH"])
@@ -41,22 +41,7 @@ left = 20_000  # an abandoned one ends by itself
 while (gate := os.environ.get("PIP_WAITS_FOR")) and not os.path.exists(gate) and left:
     time.sleep(0.01)
     left -= 1
-for tool in ("ruff", "mypy", "lint-imports", "mkdocs"):
-    file = pathlib.Path(sys.prefix, "bin", tool)
-    if file.parent.exists():
-        file.write_text(f'#!/bin/sh\\n[ "$FAILING_TOOL" != {tool} ]\\n')
-        file.chmod(0o755)
 sys.exit(bool(os.environ.get("PIP_FAILS")))
-"""
-PYTEST = """
-interpreted = "NUMBA_DISABLE_JIT" in os.environ
-words = [word for word in sys.argv[1:] if not word.startswith("--junitxml=")]
-print("pytest", *words, *["interpreted"] * interpreted, *["compiles all anew"] * sys.dont_write_bytecode, file=log)
-for word in sys.argv:
-    if word.startswith("--junitxml=") and "--ignore-glob=*/test_live_*.py" in words:
-        pathlib.Path(word[11:]).write_text('<a><testsuite tests="9" skipped="1" errors="1" failures="2"/></a>')
-        sys.exit(1)
-sys.exit(interpreted and int(os.environ.get("INTERPRETED_CODE", 0)))
 """
 COMPILE = """
 print("compile", *sys.argv[1:], file=log, flush=True)
@@ -79,18 +64,15 @@ class Tree:
         self.root, self.path, self.modules = folder / "a tree", folder / "path", folder / "modules"
         self.log = folder / "log"
         self.log.touch()
-        for one in (self.path, self.modules, self.root / "app", self.root / "tests/app"):
+        for one in (self.path, self.modules, self.root / "app"):
             one.mkdir(parents=True)
-        for name in ("phd", "phd.cmd", "app/set_up.py", "pyproject.toml", "constraints.txt", "tests/suite.py"):
+        for name in ("phd", "phd.cmd", "app/set_up.py", "pyproject.toml", "constraints.txt"):
             shutil.copy(ROOT / name, self.root / name)
-        for name, code in {"venv": VENV, "pip": PIP, "pytest": PYTEST}.items():
+        for name, code in {"venv": VENV, "pip": PIP}.items():
             (self.modules / f"{name}.py").write_text(LOG + code)
         (self.root / "app/cli.py").write_text(COMMAND)
         (self.root / "app/compile_kernels.py").write_text(LOG + COMPILE)
-        (self.root / "tests/app/test_marked.py").write_text("@pytest.mark.nojit")
-        (self.root / "tests/app/test_live_one.py").touch()
-        (self.root / "tests/wheel.py").write_text(LOG + 'print("wheel", *sys.argv[1:], file=log)\n')
-        self.environment = {**os.environ, "PATH": str(self.path), "LOG": str(self.log), "FAILING_TOOL": "none"}
+        self.environment = {**os.environ, "PATH": str(self.path), "LOG": str(self.log)}
         self.environment |= {"PYTHONPATH": str(self.modules), "PYTHONDONTWRITEBYTECODE": "1"}
         self.environment.pop("NUMBA_DISABLE_JIT", None)
         if WINDOWS:
@@ -288,36 +270,6 @@ WITHOUT = ["study --out d", "replay a --out b", "replay a --json", "run --print-
 @pytest.mark.parametrize("words", WITH_A_WINDOW + WITHOUT)
 def test_a_verb_with_a_window_needs_the_libraries_and_no_other(words: str) -> None:
     assert set_up.opens_window(words.split()) == (words in WITH_A_WINDOW)
-
-
-@shell
-@pytest.mark.parametrize("tool", ["none", "mypy"])
-def test_the_suite_names_each_failed_part_and_ends_with_the_counts(tree: Tree, tool: str) -> None:
-    done = tree.run("test", FAILING_TOOL=tool)
-    assert done.returncode == 1
-    failed = "pytest" if tool == "none" else f"{tool}, pytest"
-    assert done.stdout.splitlines()[-2:] == [f"failed: {failed}", "5 passed, 3 failed"]
-    whole, live, marked = tree.calls("pytest")
-    assert "--ignore-glob" in whole and live.endswith("test_live_one.py")
-    (wheel,) = tree.calls("wheel")
-    for name in ("tests/app/test_tutorial.py", "tests/experiments/test_from_python.py"):
-        assert name in wheel and f"--ignore={tree.root / name}" in whole
-    assert marked.endswith("-m nojit tests/app/test_marked.py interpreted")
-    assert tree.calls("pip")[-1].endswith("-e .[test,docs]")
-    beside = [file for file in tree.root.rglob("*.pyc") if ".venv" not in file.parts]
-    assert not beside, "bytecode is kept in .venv where it may not be beside the sources"
-
-
-def test_test_with_arguments_is_pytest_with_these_arguments(tree: Tree) -> None:
-    assert tree.run("test", "tests/test_x.py", "-k", "a b").returncode == 0
-    assert tree.calls("compile") == ["compile"]  # the control loop too
-    assert tree.calls("pytest") == ["pytest tests/test_x.py -k a b"]
-    assert tree.run("doctor").stderr == ""
-
-
-@shell
-def test_a_failure_without_the_jit_fails_the_suite(tree: Tree) -> None:
-    assert "failed: pytest, pytest without the jit\n" in tree.run("test", INTERPRETED_CODE="1").stdout
 
 
 def pins() -> dict[str, str]:

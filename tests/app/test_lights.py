@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from fake_client import opened, ready, running
-from screens import Screens
+from fake_client import ready
 
 from app.ipc import messages as m
 from app.ipc.scheduling import Scheduling
@@ -90,18 +89,11 @@ def test_a_boards_loop_that_could_not_keep_up_stays_red_for_ten_seconds_without_
     assert light.check(DEFAULT).state == m.CAUTION, "what was forgotten is not counted again"
 
 
-def test_a_picture_half_a_second_behind_is_amber_for_two_seconds(screens: Screens) -> None:
-    windows, clock = screens.windows, Clock()
-    windows._light = PictureLight(clock)
-    screens.hear(opened(), running())
-    assert not windows._light.take(0.4)
-    windows._due_s -= 1e6  # this frame is very late
-    windows._on_time()
-    windows._timer.stop()
-    assert [check.state for check in screens.main.snapshot.checks if check.name == "Picture"] == [m.CAUTION]
-    screens.hear(ready(1))
-    assert screens.main.snapshot.trial_blocker == ""
+def test_a_picture_half_a_second_behind_is_amber_for_two_seconds_and_keeps_no_trial_from_starting() -> None:
+    light = PictureLight(clock := Clock())
+    assert not light.take(0.4) and light.over(ready(1)) == ready(1)
+    assert light.take(0.6)
+    seen = light.over(ready(1))
+    assert [check.state for check in seen.checks if check.name == "Picture"] == [m.CAUTION] and not seen.trial_blocker
     clock.now_s += WINDOW_S + 0.1
-    windows._on_time()
-    windows._timer.stop()
-    assert screens.main.snapshot == ready(1)
+    assert light.over(ready(1)) == ready(1)

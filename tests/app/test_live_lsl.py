@@ -74,7 +74,10 @@ def streams(lsl, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Sim
     real = getattr(request, "param", False)
     ring = Ring(ticks=64)
     outlets = Outlets(ring, real, tmp_path)
-    made = SimpleNamespace(ring=ring, outlets=outlets, ticks=Inlet(lsl, TICKS), markers=Inlet(lsl, MARKERS))
+    offset_s = lsl.local_clock() - time.perf_counter()
+    made = SimpleNamespace(
+        ring=ring, outlets=outlets, ticks=Inlet(lsl, TICKS), markers=Inlet(lsl, MARKERS), offset_s=offset_s
+    )  # fmt: skip
     yield made
     made.ticks.close()
     made.markers.close()
@@ -86,14 +89,18 @@ def rows_at(times: np.ndarray, width: int = tick_log.WIDTH) -> np.ndarray:
     return rows
 
 
+def assert_at(times: list[float], due_s: np.ndarray) -> None:
+    """That samples have these times: within a millisecond of the clock, and apart as they are due."""
+    assert np.allclose(times, due_s, atol=1e-3) and np.allclose(np.diff(times), np.diff(due_s), atol=2e-5)
+
+
 def test_columns_come_with_name_and_unit_from_their_declaration(streams: SimpleNamespace) -> None:
     assert streams.ticks.channels("label") == NAMES
     units = dict(zip(NAMES, streams.ticks.channels("unit"), strict=True))
     assert (units["tip_x_m"], units["current_A_A"], units["torque_B_N_m"]) == ("m", "A", "N m")
     assert streams.ticks.about.nominal_srate() == 1000.0
     clock = streams.ticks.about.desc().child("clock")
-    measured = streams.outlets._offset_s()
-    assert float(clock.child_value("offset_s")) == pytest.approx(measured, abs=1e-3)
+    assert float(clock.child_value("offset_s")) == pytest.approx(streams.offset_s, abs=1e-3)
 
 
 def test_each_tick_has_the_time_at_which_it_was_due_also_behind_a_stall(streams: SimpleNamespace) -> None:
@@ -107,9 +114,9 @@ def test_each_tick_has_the_time_at_which_it_was_due_also_behind_a_stall(streams:
     for chunk in np.split(rows, [1, 15, 21, 40]):
         take(chunk)
     streams.ticks.until(len(rows))
-    due_s = began_s + times + np.where(np.arange(60) > 20, stall_s, 0.0) + streams.outlets._offset_s()
-    assert np.allclose(streams.ticks.times, due_s, atol=2e-5)
-    assert np.array_equal(np.array(streams.ticks.samples), rows[:, streams.outlets._columns])
+    due_s = began_s + times + np.where(np.arange(60) > 20, stall_s, 0.0) + streams.offset_s
+    assert_at(streams.ticks.times, due_s)
+    assert np.array_equal(np.array(streams.ticks.samples)[:, NAMES.index("t_s")], times)
 
 
 @pytest.mark.parametrize("streams", [True], indirect=True)
@@ -123,9 +130,9 @@ def test_on_the_bench_the_time_is_that_of_the_sample_and_a_lost_one_follows_the_
         take(chunk)
     streams.ticks.until(len(rows))
     assert streams.ticks.channels("label") == BENCH_NAMES
-    due_s = rows[:, tick_log.HOST_S] + streams.outlets._offset_s()
+    due_s = rows[:, tick_log.HOST_S] + streams.offset_s
     due_s[[3, 4, 8]] = due_s[[2, 2, 7]] + [1e-3, 2e-3, 1e-3]
-    assert np.allclose(streams.ticks.times, due_s, atol=2e-5)
+    assert_at(streams.ticks.times, due_s)
 
 
 def test_a_line_that_waited_for_the_disk_has_the_time_of_its_event(streams: SimpleNamespace) -> None:
@@ -144,7 +151,7 @@ def test_streams_that_fail_are_given_up_and_say_so(streams: SimpleNamespace, mon
     def broken(*_: object) -> None:
         raise RuntimeError("no more")
 
-    monkeypatch.setattr(streams.outlets._ticks, "push_chunk", broken)
+    monkeypatch.setattr("pylsl.StreamOutlet.push_chunk", broken)
     streams.outlets.begin(1)(rows_at(np.zeros(1)))
     assert streams.outlets.failure == "The LSL streams have ended (no more). The recording goes on."
 

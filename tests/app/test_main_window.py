@@ -1,34 +1,25 @@
 """The window around the pages, on a fake bench: lights, keys, footer, help, what closing asks, the server's end."""
 
-import gc
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from fake_client import PLAN, RED, FakeClient, before, movement, opened, pulse, ready, running
 from page_table import press, read
-from PySide6.QtCore import QEvent, QObject, QSettings, Qt, QTimer
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QProgressDialog, QPushButton, QWidget
+from PySide6.QtWidgets import QFileDialog, QWidget
 from screens import Screens, settle, visible_texts
-from texts_on_screen import faults
+from waiting import wait_until
 
 from app.ipc import messages as m
-from app.window import program
 from app.window.canvas.linkage_view import REACHABLE
-from app.window.main_window import PAGES, SMALLEST, MainWindow
 from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY
 from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY
-from app.window.widgets.theme import COLOURS
-from app.window.widgets.work import VerbProcess
 from core import tick_log
-from core.files import InputError
-from experiments.store.overview import DataOverview, SessionOverview
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
 
@@ -58,31 +49,6 @@ def test_pills_are_of_what_is_not_green_and_differ_by_shape_and_green_is_one_mar
     shapes = {m.BAD: "✕", m.CAUTION: "▲", m.WAITING: "○"}
     states = {check.name: check.state for check in said.checks}
     assert [pill.mark.text() for pill in pills] == [shapes[states[name]] for name in names]
-
-
-def test_no_word_in_the_header_is_cut_and_the_words_of_the_reddest_are_kept_the_longest(screens: Screens) -> None:
-    for size in (SMALLEST, (1280, 720), (1920, 1080)):
-        screens.main.resize(*size)
-        screens.hear(opened(), ready(checks=RED))
-        settle(screens.main)
-        pills = screens.main.preflight.pills
-        worded = [pill.words.isVisible() for pill in pills]
-        assert worded == sorted(worded, reverse=True) and all(pill.name.isVisible() for pill in pills)
-        assert any(worded) or size == SMALLEST
-        assert screens.main.width() == size[0] and faults(screens.main) == []
-
-
-def test_the_key_on_a_button_is_legible_whatever_the_button_looks_like(screens: Screens) -> None:
-    screens.hear(opened(), ready(9))
-
-    def hint(button) -> str:
-        label = button.findChild(QLabel)
-        return label.palette().color(label.foregroundRole()).name()
-
-    panel = screens.run.panel
-    assert (hint(panel.start), hint(panel.pause), hint(panel.abort)) == (COLOURS.text, COLOURS.quiet, COLOURS.brake_off)
-    screens.hear(ready(9, paused=True))
-    assert (hint(panel.start), hint(panel.pause)) == (COLOURS.brake_off, COLOURS.text)
 
 
 def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens, monkeypatch) -> None:
@@ -116,14 +82,6 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
         assert says in " ".join(visible_texts(main))
     screens.press(KEY.Key_Escape)
     assert main.cards.question is None and screens.client.off_causes == []
-
-
-def test_settings_that_cannot_be_kept_say_so(screens: Screens, monkeypatch) -> None:
-    path = "/dev/null/phd.ini"  # no user may write there
-    monkeypatch.setattr(memory, "file", lambda: QSettings(path, QSettings.Format.IniFormat))
-    screens.main.show_settings()
-    said = screens.main.cards.question.text.text().replace("\u200b", "")
-    assert said == f"What you choose is forgotten when you close the window: {path} cannot be written to."
 
 
 def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(screens, monkeypatch, tmp_path) -> None:
@@ -171,17 +129,6 @@ def test_between_trials_escape_first_closes_what_is_open_and_the_red_button_name
         assert screens.main.preflight.brakes.width() == wide, "nothing beside it moves"
 
 
-def test_enter_presses_a_cards_first_button_as_it_says_while_a_choice_has_the_keyboard(screens: Screens) -> None:
-    screens.hear(opened(), ready(3))
-    screens.main.show_settings()
-    assert words.from_home(screens.client.setup.data_dir) in visible_texts(screens.main)
-    sound = next(field for field in screens.main.cards.question.findChildren(QPushButton) if field.text() == "Off")
-    sound.setFocus()
-    assert "Close  Enter" in visible_texts(screens.main)
-    QTest.keyClick(sound, KEY.Key_Return)
-    assert screens.main.cards.question is None
-
-
 def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:
     console = screens.hear(opened(), ready(3))
     for key, name, comes in (
@@ -195,61 +142,6 @@ def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_s
     assert screens.press(KEY.Key_Space, console.tabs[HOME]) == [m.Start()] and console.shown == RUN
 
 
-class OwnWindows(QObject):
-    """The kinds of widgets that are shown as windows of their own."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.seen: list[str] = []
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Show and isinstance(watched, QWidget) and watched.isWindow():
-            self.seen.append(type(watched).__name__)
-        return False
-
-
-def test_no_part_of_a_page_is_a_window_of_its_own_while_it_is_made(qtbot) -> None:
-    watch, application = OwnWindows(), QApplication.instance()
-    application.installEventFilter(watch)
-    qtbot.addWidget(main := MainWindow(FakeClient()))
-    for name in PAGES:
-        main.show_page(name)
-    one = SessionOverview(Path("sub-01/ses-01"), "01", "paper", 14, 60, 1.8e9)
-    main.pages[HOME].data.show_overview(DataOverview(Path("data"), (one,)))
-    application.removeEventFilter(watch)
-    assert watch.seen == []
-
-
-def test_a_page_needs_no_key_of_its_own(qtbot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.window.main_window.HOME", RUN)
-    monkeypatch.setitem(PAGES, "Notes", PAGES[RUN])
-    window = MainWindow(FakeClient())
-    qtbot.addWidget(window)
-    window.tabs["Notes"].click()
-    assert window.shown == "Notes" and window.tabs["Notes"].isChecked()
-
-
-def test_analyse_and_the_footer_name_the_data_folder_before_it_is_served(screens: Screens, tmp_path: Path) -> None:
-    client = FakeClient()
-    client.setup = client.setup._replace(data_dir=tmp_path)
-    screens.main.show_client(client, None)
-    screens.main.show_page(ANALYSE)
-    assert str(tmp_path) in screens.main.pages[ANALYSE].empty.text()
-    assert screens.main.footer.folder.text() == words.from_home(tmp_path)
-
-
-def test_the_footer_shows_the_whole_folder_where_there_is_room_and_the_proof_of_recording_always(screens) -> None:
-    folder = "/home/somebody/studies/2026/paper/data2/sub-03/ses-01"
-    for wide in (1400, SMALLEST[0]):
-        screens.main.resize(wide, 700)
-        screens.hear(opened(folder=folder), ready(3), pulse(""))
-        screens.main.show_page(ANALYSE)
-        settle(screens.main)
-        footer = screens.main.footer
-        needed = [one.fontMetrics().horizontalAdvance(one.text()) for one in (footer.folder, footer.recording)]
-        assert footer.recording.width() >= needed[1] and (wide < 1400 or footer.folder.width() >= needed[0])
-
-
 def test_proof_of_recording_is_readable_in_the_footer_of_a_page_that_has_one(screens: Screens) -> None:
     screens.hear(opened(), running(22), pulse("run-023"))
     screens.main.show_page(ANALYSE)
@@ -258,17 +150,6 @@ def test_proof_of_recording_is_readable_in_the_footer_of_a_page_that_has_one(scr
     )
     assert all(part in read(screens.main) for part in said.split(" | "))
     assert "22 recordings verified" in read(screens.hear(pulse("")))
-
-
-def test_where_no_file_manager_opens_the_path_is_said_and_can_be_pasted(
-    screens: Screens, tmp_path, monkeypatch
-) -> None:
-    monkeypatch.setattr("app.window.main_window.QDesktopServices.openUrl", lambda url: False)
-    screens.hear(opened(folder=str(tmp_path / "not there yet")), ready())
-    QTest.mouseClick(screens.main.footer.folder, Qt.MouseButton.LeftButton)
-    said = screens.main.cards.question.text.text().replace("\u200b", "")
-    assert f"The folder is {tmp_path}, copied" in said and "Paste it into a terminal" in said
-    assert QApplication.clipboard().text() == str(tmp_path)
 
 
 def test_a_window_that_comes_later_shows_the_same(screens: Screens) -> None:
@@ -365,32 +246,6 @@ def test_closing_asks_where_something_would_be_cut_off_or_lost_and_names_it(scre
     assert not console.isVisible() and screens.client.stopped == "the window was closed"
 
 
-def test_closing_between_trials_just_closes_and_ends_what_pages_do(screens: Screens) -> None:
-    console, ended = screens.hear(opened(), ready(3)), []
-    analyse = console.page(ANALYSE)
-    analyse.side.end, analyse.export_task.stop = lambda: ended.append("replay"), lambda wait: ended.append("export")
-    console.page(HOME).data.export_task.stop = lambda wait: ended.append("export of all")
-    assert console.close() and screens.client.stopped and ended[:3] == ["replay", "export", "export of all"]
-
-
-def test_who_closes_the_bar_of_the_set_up_ends_it_and_the_bar_stays_closed(qapp, monkeypatch) -> None:
-    class Compiling(VerbProcess):
-        def begin(self, *_: str, **__: object) -> None:
-            QTimer.singleShot(0, self.go_on)
-
-        def go_on(self) -> None:
-            (bar,) = (window for window in qapp.topLevelWidgets() if isinstance(window, QProgressDialog))
-            bar.close()
-            self.progressed.emit(500)
-            seen.append(bar.isVisible())
-            self.done.emit(InputError("it was ended early"))
-
-    seen: list[bool] = []
-    monkeypatch.setattr(program, "VerbProcess", Compiling)
-    monkeypatch.setattr(program, "is_compiled", lambda _: False)
-    assert not program.compile_kernels() and seen == [False]
-
-
 def test_another_setup_starts_another_server_while_the_window_goes_on(screens: Screens, monkeypatch) -> None:
     started, ended = [], threading.Event()
 
@@ -408,33 +263,11 @@ def test_another_setup_starts_another_server_while_the_window_goes_on(screens: S
     screens.windows.frame()
     assert not started and screens.main.snapshot.stage == m.PREPARING
     ended.set()
-    screens.windows._ending.join()
-    screens.windows.frame()
+    wait_until(lambda: screens.windows.frame() or started)
     (screens.client,) = started
     assert screens.client.setup == setup and screens.client is not old
     screens.hear(opened(""), before())
     assert screens.client.sent == [m.Open("02")]
-
-
-def test_frames_do_not_use_up_references_to_none(screens: Screens) -> None:
-    """With some versions of Qt's binding a live plot loses references to None until the process dies."""
-    console = screens.hear(opened(), running())
-    rows = movement(PLAN[0].segment, "AEB", 1.4)
-
-    def frames(some: np.ndarray) -> None:
-        for part in np.array_split(some, len(some) // 16):
-            screens.tick(part)
-            console.grab()
-
-    frames(rows[:160])
-    lost = []
-    for begin in range(160, 1120, 320):  # three times: what is freed late, of windows before this one, goes once
-        gc.collect()
-        before = sys.getrefcount(None)
-        frames(rows[begin : begin + 320])
-        gc.collect()
-        lost.append(abs(sys.getrefcount(None) - before))
-    assert min(lost) < 20, lost  # less than one a frame
 
 
 def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:

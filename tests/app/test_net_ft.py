@@ -179,15 +179,6 @@ def test_a_sensor_that_is_silent_from_the_start_is_one_sentence_before_any_windo
     assert told.startswith(f"phd: the force sensor at {where} sends no records: ")
 
 
-@pytest.mark.parametrize(
-    ("link", "force", "says"),
-    [("sim", "netft:10.0.0.1", "goes with --link serial:PORT"), (NO_BOARD, "ati", "must be netft:HOST"),
-     (NO_BOARD, "netft:", "must be netft:HOST"), (NO_BOARD, "netft:here:there", "cannot be read")],
-)  # fmt: skip
-def test_a_force_that_cannot_be_is_refused(link, force, says, capsys, tmp_path) -> None:
-    assert says in refusal(capsys, "run", "--link", link, "--force", force, "--data-dir", tmp_path)
-
-
 def test_closing_stops_the_stream(sensor: PlayedSensor) -> None:
     reader = NetFT(sensor.where)
     reader.close()

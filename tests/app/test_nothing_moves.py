@@ -1,20 +1,16 @@
 """Nothing moves under the pointer: what the server says moves no button, field or curve that was there before."""
 
-from pathlib import Path
-
 import pytest
 from fake_client import GREEN, PLAN, RED, before, movement, opened, pulse, ready, running
 from PySide6.QtCore import QRect
 from PySide6.QtWidgets import QAbstractButton, QLineEdit, QWidget
 from screens import Screens, settle
-from sessions import session_of
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
 from app.window.canvas.plane import Plane
-from app.window.widgets.page import ANALYSE, HOME, TRY
+from app.window.widgets.page import HOME, TRY
 from app.window.widgets.plots import Graph
-from experiments.analysis.trials_table import as_rows
 
 NOTICE = "Run 9: the participant was distracted by a long sentence that goes on over several lines of the panel."
 LATE = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
@@ -75,22 +71,3 @@ def test_on_try(screens: Screens) -> None:
     first = ended(1)
     for said in (tried(INITIAL, first), tried(INITIAL, first)._replace(notice="No.", notice_bad=True), before(**OFF)):
         assert moved(screens, said) == [], said
-
-
-def test_on_analyse_beside_a_trial(qtbot, screens: Screens, tmp_path: Path, monkeypatch) -> None:
-    with session_of(tmp_path, 2):
-        screens.hear(opened(""), before())
-    screens.main.show_page(ANALYSE, tmp_path)
-    page = screens.main.pages[ANALYSE]
-    qtbot.waitUntil(lambda: page.results is not None, timeout=60_000)
-    page.open_trial(as_rows(page.trials)[-1])
-    qtbot.waitUntil(lambda: page.side.trial is not None, timeout=60_000)
-    was = places(screens.main)
-    for note in ("The recorded hand is being simulated …", "This trial is excluded: he sneezed.", ""):
-        page.side.note_that(note)
-        assert places(screens.main) == was
-    assert moved(screens, before(checks=RED)) == [] == moved(screens, before())
-    monkeypatch.setattr(page.export_task, "busy", True)
-    page._offer()  # an export goes on
-    page.show_message("Writing the charts and tables …", "quiet")
-    assert page.cancel_button.isVisible() and places(screens.main).items() >= was.items()

@@ -7,7 +7,7 @@ import pytest
 
 from app.progress import LEAST_ROOM, ScreenCheck
 from app.window.widgets import theme
-from app.window.widgets.palette import DARK, LIGHT, PALETTES, Palette
+from app.window.widgets.palette import PALETTES, Palette
 
 OF_TEXT, OF_MARKS = 4.5, 3.0  # WCAG 2, level AA
 
@@ -42,13 +42,6 @@ def test_every_text_and_every_mark_stands_out_from_what_is_behind_it(palette: Pa
     assert {pair for pair in marks if contrast(*pair) < OF_MARKS} == set()
 
 
-def test_light_is_the_other_way_round() -> None:
-    assert contrast(DARK.ground, "#000000") < 2.0 and contrast(LIGHT.ground, "#ffffff") < 2.0
-    assert (DARK.handle_name, LIGHT.handle_name) == ("white", "dark")
-    for palette in (DARK, LIGHT):
-        assert len(set(palette.joints)) == 4 and len(set(palette.controllers)) == 5
-
-
 @pytest.mark.parametrize(
     ("screen", "scale", "shrinks"), [((1920, 1080), "2", True), ((2560, 1440), "2", False), ((1920, 1080), "1", False)]
 )
@@ -63,17 +56,3 @@ def test_on_a_screen_with_little_room_all_is_drawn_smaller(monkeypatch, tmp_path
     after = float(os.environ["QT_SCALE_FACTOR"])
     assert (after < float(scale)) == shrinks
     assert width / after >= LEAST_ROOM[0] - 1 and height / after >= LEAST_ROOM[1] - 1
-
-
-@pytest.mark.parametrize(
-    ("screen", "wanted", "got"), [((1920, 1080), 1.5, 1.5), ((1280, 720), 1.5, 1.143), ((1920, 1080), 0.9, 0.9)]
-)
-def test_the_size_of_the_settings_is_that_of_everything_as_far_as_there_is_room(
-    monkeypatch, tmp_path, screen, wanted, got
-) -> None:
-    layout = {"name": "one", "x": 0, "y": 0, "width": screen[0], "height": screen[1], "logicalDpi": 96, "dpr": 1}
-    (tmp_path / "screens.json").write_text(json.dumps({"screens": [{**layout, "logicalBaseDpi": 96}]}))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen:configfile=screens.json")
-    ScreenCheck("draw on").check(wanted)
-    assert float(os.environ["QT_SCALE_FACTOR"]) == pytest.approx(got, abs=1e-3)

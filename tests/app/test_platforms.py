@@ -45,12 +45,6 @@ def run_python(code: str) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.parametrize("module", ["app.ipc.client", "app.session_server.loop_process"])
-def test_a_process_is_started_before_the_compiler_is_imported(module: str) -> None:
-    """The window starts the session server with the one, the session server starts the loop with the other."""
-    assert run_python(f"import sys, {module}; print('numba' in sys.modules)") == "False"
-
-
 def test_the_windows_import_no_plots_and_no_statistics() -> None:
     code = "import sys, app.window.program; print(*{'matplotlib', 'scipy.linalg', 'pyarrow'} & set(sys.modules))"
     assert run_python(code) == ""

@@ -164,12 +164,6 @@ def test_an_arc_is_checked_along_its_bulge_not_only_at_its_ends():
         protocol_of(text)
 
 
-@pytest.mark.parametrize("name", ["nowhere", "nowhere.toml", ""])
-def test_a_protocol_that_is_not_there_is_refused_with_what_there_is(name):
-    with pytest.raises(InputError, match="unknown protocol .*arena, displays, .*paper"):
-        load_protocol(name)
-
-
 @pytest.mark.parametrize(
     "options, refusal",
     [

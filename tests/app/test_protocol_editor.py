@@ -175,9 +175,3 @@ def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:
     editing.editor.undo()
     editing.read("= 60 trials")
     assert not editing.editor.changed
-
-
-@pytest.mark.parametrize("name", ["paper", "displays"])
-def test_a_shipped_protocol_is_shown_with_its_paths(editing: Editing, name: str) -> None:
-    editing.open(name)
-    assert not editing.editor.problem and editing.editor.picture._ways.keys() == load_protocol(name).paths.keys()

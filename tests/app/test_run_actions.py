@@ -3,7 +3,7 @@
 from itertools import product
 
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, RED, before, opened, ready, result, running
+from fake_client import LONG_BREAK, PLAN, RED, before, opened, ready, result, running
 from PySide6.QtCore import Qt
 from screens import Screens
 
@@ -102,20 +102,3 @@ def test_in_a_break_a_trial_is_excluded_for_a_reason_and_space_is_not_offered_tw
     ]
     card.keep.click()
     assert not screens.run.card_shown
-
-
-def test_the_strip_opens_by_itself_once_a_trial_when_a_boards_loop_cannot_keep_up(screens: Screens) -> None:
-    late = m.Check("Loop", m.BAD, "412 ticks missed in the last 2 s", "Ticks come late: close other programs.")
-    bad = (*GREEN[:2], late, *GREEN[3:])
-    strip = screens.run.strip
-    for over in (3, 4):
-        screens.hear(opened(), running(over))
-        assert not strip.curves.isVisible() and not strip.banner.isVisible()
-        screens.hear(running(over, checks=bad))
-        assert strip.curves.isVisible() and "412 ticks missed" in strip.banner.text()
-        strip.open.setChecked(False)
-        screens.hear(running(over, checks=bad, notes=("13:02 slower",)))
-        assert strip.curves.isHidden(), "it was closed by hand"
-    amber = late._replace(state=m.CAUTION)
-    screens.hear(running(5, checks=(*GREEN[:2], amber, *GREEN[3:])))
-    assert strip.curves.isHidden(), "amber is said in the header"

@@ -4,7 +4,7 @@ import pytest
 from fake_client import GREEN, LONG_BREAK, PLAN, PRESETS, RED, before, movement, opened, paper, pulse, ready, result
 from fake_client import running as runs
 from page_table import Row, check, press, read
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton
 from screens import Screens, settle
@@ -14,8 +14,6 @@ from status_messages import LOST, ON_BENCH, WELL
 from app.ipc import messages as m
 from app.window.canvas.force_view import HAND
 from app.window.canvas.layers import OFF
-from app.window.main_window import SMALLEST
-from app.window.participant.tone import NO_SOUND
 from app.window.run.plan_bar import MARKS
 from app.window.run.run_page import ENDED, UNMEASURED, RunPage
 from app.window.run.session_cards import ABORT, REDO
@@ -41,7 +39,6 @@ CUES = Cues(too_fast_s=3.0, too_slow_s=6.0)  # the trials of the fake client tak
 GIVEN = opened(protocol=paper(feedback="error", cues=CUES))
 FED_BACK = f"mm from the line on average | {ENGLISH_WORDS['slower']}"
 GERMAN = opened(protocol=paper(language="de", language_text=language_text("de", FOLDER)))
-IDLE = "Start | Pause | Repeat last trial | Skip next trial | Close session"
 ON_CARD = "More | Repeat | Exclude"
 NOTHING_SENT = {"Space": [], "Alt+R": [], "Alt+S": [], "Alt+P": [], "Alt+A": []}
 
@@ -207,18 +204,6 @@ def test_the_plan_marks_each_trial_and_counts_them(screens: Screens, case: str) 
     plan = screens.run.strip.plan
     assert [plan.statuses[run] for run in range(1, len(statuses) + 1)] == statuses == [*plan.statuses.values()]
     assert plan.marked == marked and screens.run.strip.progress.text().startswith(progress)
-
-
-@pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
-def test_the_whole_plan_is_in_sight(screens: Screens, size) -> None:
-    screens.main.resize(*size)
-    screens.hear(opened(), ready(12))
-    settle(screens.main)
-    plan = screens.run.strip.plan
-    cells = list(plan.cells.values())
-    assert len(cells) == len(PLAN) and all(QRectF(plan.rect()).contains(cell) for cell in cells)
-    assert min(cell.height() for cell in cells) > 8.0 and min(cell.width() for cell in cells) > 6.0
-    assert not any(a.intersects(b) for i, a in enumerate(cells) for b in cells[i + 1 :])
 
 
 def test_every_status_has_its_colour_and_all_but_done_a_mark_and_a_line_for_the_participant() -> None:
@@ -426,33 +411,6 @@ def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
     assert PRESETS[PLAN[9].controller].name in read(screens.hear(runs(9)))
 
 
-@pytest.mark.parametrize("size", [SMALLEST, (1280, 720), (1920, 1080)])
-def test_what_is_wrong_takes_the_room_of_the_strip(screens: Screens, size) -> None:
-    folder = f"The folder {'/home/operator/laboratory' * 8} cannot be written to. "
-    console, strip = screens.main, screens.run.strip
-    console.resize(*size)
-    screens.hear(opened(), ready(3), pulse())
-    settle(console)
-    before, wide = [screens.run.geometry(), screens.run.workspace.geometry()], strip.plan.width()
-    many = tuple(check._replace(state=m.BAD, text=folder) for check in GREEN)
-    for snapshot in (ready(3, checks=many), ready(3, stage=m.FAILED, notice=5 * folder, notice_bad=True)):
-        screens.hear(snapshot)
-        settle(console)
-        banner = strip.banner
-        assert banner.text().endswith("…") and 4 < banner.toolTip().count("cannot be written to") < 6
-        assert banner.width() == wide and banner.isVisible()
-        lines = banner.words.fontMetrics().boundingRect(banner.words.rect(), Qt.TextFlag.TextWordWrap, banner.text())
-        assert lines.height() <= banner.words.height(), "both lines are seen whole"
-    assert before == [screens.run.geometry(), screens.run.workspace.geometry()], "nothing moves"
-
-
-def test_tones_that_cannot_be_heard_are_named_once_before_the_first_trial(screens: Screens, monkeypatch) -> None:
-    monkeypatch.setattr("app.window.run.run_page.player", lambda: None)
-    for tones, over, said in ((True, 0, True), (False, 0, False), (True, 1, False)):
-        screens.hear(opened(protocol=paper(tones=tones)), ready(over))
-        assert (NO_SOUND in read(screens.main)) == said
-
-
 def test_before_the_session_server_has_said_anything_run_says_so_and_nothing_can_be_pressed(qtbot) -> None:
     page = RunPage(lambda command: None)
     qtbot.addWidget(page)
@@ -460,3 +418,12 @@ def test_before_the_session_server_has_said_anything_run_says_so_and_nothing_can
     seen = [button for button in page.panel.findChildren(QAbstractButton) if button.isVisible()]
     assert seen and not any(button.isEnabled() for button in seen)
     assert (page.large.text(), page.small.text()) == words.PREPARING
+
+
+def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screens) -> None:
+    screens.hear(opened(), runs(0))
+    screens.client.rows = movement(PLAN[0].segment, "AEB", 1.0)[:16]
+    screens.windows.frame()
+    screens.hear(runs(1))
+    screens.run.show_panels()
+    assert screens.run.strip.speed.newest == () and not screens.run.strip.ledger.began

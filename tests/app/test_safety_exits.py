@@ -106,7 +106,7 @@ def test_a_reset_that_finds_another_board_is_told_and_ends_nothing(place: Place)
     case.answers.truncate()
     case.loop.do(Reset(case.ring.presses))
     case.answers.seek(0)
-    told = case._answer()
+    told = case.answer()
     assert isinstance(told, NotDone) and "three-brake" in told.why
     assert case.ring.why_off, "the brakes stay off"
     case.bench.link.close()
@@ -130,5 +130,3 @@ def test_what_was_put_right_is_counted_in_the_recordings_record() -> None:
     link.exchange((math.nan, -1.0, 5.0, math.inf))
     assert link.report()["clamped"] == before + 1
     link.close()
-
-    # and at the end of a board session the board is without current, told good-bye or by its own watchdog

@@ -19,7 +19,7 @@ from app.cli import main
 from app.progress import ProgressBar
 from app.session_server.server import refusal_of
 from app.window.widgets.work import BackgroundTask
-from core.files import MOST_SAID, InputError
+from core.files import InputError
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
 from experiments.store.files import LOCK, hold_lock
 from experiments.study.study import run_study
@@ -173,40 +173,6 @@ def test_what_is_no_picture_is_refused_in_one_sentence_without_reading_it(tmp_pa
 # ------------------------------------------------------------------------------------------------- what is repeated
 
 
-#: What can be as long as somebody likes on a command line.
-ENDLESS = {
-    "scene": ("simulate", "x" * LONG, "--out", "o.csv"),
-    "verb": ("x" * LONG,),
-    "option": ("--" + "x" * LONG,),
-    "protocol with blanks": ("study", "a b " * 20_000, "--out", "o"),
-    "number": ("study", "--operators", "9" * 100_000, "--out", "o"),
-    "deep folder": ("verify", "y/" * 20_000),
-    "participant": ("run", "--participant", "z " * 50_000),
-    "folder": ("export", "e" * 120_000, "--csv", "o"),
-    "many words": ("study", *["w"] * 20_000, "--out", "o"),
-    "many devices": ("study", "--device", *["six"] * 9000, "--out", "o"),
-}
-
-
-@pytest.mark.parametrize("arguments", ENDLESS.values(), ids=ENDLESS)
-def test_a_refusal_of_something_endless_is_short(capsys, tmp_path, monkeypatch, arguments):
-    monkeypatch.chdir(tmp_path)
-    said = refusal(capsys, *arguments)
-    assert len(said) <= MOST_SAID + 100 and not list(tmp_path.iterdir())
-
-
-def test_a_file_full_of_something_endless_is_refused_shortly(capsys, tmp_path):
-    paper = PAPER.text
-    for text in (
-        f'{"k" * LONG} = 1\n{paper}', f'"{"k " * LONG}" = 1\n{paper}', changed(paper, rules=f'"{"r " * LONG}"'),
-        changed(paper, seed=f'"{"5" * LONG}"'), changed(paper, name=f'"{";" * LONG}"'), "[" * LONG,
-        changed(paper, devices=str(["three-brake"] * 70).replace("'", '"')), changed(paper, blocks="9" * 4000),
-    ):  # fmt: skip
-        (tmp_path / "mine.toml").write_text(text)
-        said = refusal(capsys, "run", tmp_path / "mine.toml", "--print-plan")
-        assert len(said) <= MOST_SAID + 100 and "mine.toml" in said, said[:300]
-
-
 # -------------------------------------------------------------------------------------------- a tree of somebody else's
 
 
@@ -244,14 +210,6 @@ def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_pa
 
 
 # ------------------------------------------------------------------------------------------------ of others, or no text
-
-
-@posix
-@pytest.mark.parametrize("option", ["--beside", "--csv"])
-def test_a_link_to_itself_is_refused_in_one_sentence(tmp_path, capsys, option):
-    (circle := tmp_path / "circle").symlink_to("circle")
-    verb = ["export", tmp_path] if option == "--csv" else ["analyze", tmp_path, "--out", tmp_path / "out"]
-    assert refusal(capsys, *map(str, verb), option, str(circle)).startswith("phd: ")
 
 
 def as_anybody(*arguments: str) -> subprocess.CompletedProcess:

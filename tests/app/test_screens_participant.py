@@ -2,31 +2,21 @@
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from fake_client import LONG_BREAK, PATHS, PRACTICE, PRESETS, SHORT_BREAK, before, opened, paper, ready, running, ticks
-from PySide6.QtCore import QPointF, Qt
+from fake_client import LONG_BREAK, PRACTICE, PRESETS, opened, paper, ready, running, ticks
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 from screens import Screens, point, settle, visible_texts
 from texts_on_screen import faults
 
 from app.ipc import messages as m
-from app.window.participant import participant_window
-from app.window.participant.participant_window import TEXT_TOP
 from app.window.participant.questionnaire import ITEMS
 from app.window.run.run_page import INSTRUCTED
-from app.window.widgets import words
 from core import tick_log
-from experiments.inputs import MOUSE, OPERATOR
-from experiments.language import ENGLISH_WORDS, language_text, shipped_languages
-from experiments.plan import print_plan
-from experiments.protocol import load_protocol, shipped_protocols
+from experiments.inputs import MOUSE
+from experiments.language import language_text, shipped_languages
 from experiments.protocol_file import Consent, Cues, Instruction
-
-ALT = Qt.KeyboardModifier.AltModifier
 
 
 @pytest.fixture
@@ -98,15 +88,8 @@ def test_the_linkage_is_seen_only_where_the_protocol_says_so(screens: Screens) -
     for over, shown in enumerate((False, True)):
         screens.hear(opened(protocol=paper(show_linkage=shown)), running(over))
         screens.tick(ticks(tick_log.MOVE))
-        assert (screens.participant.view._device is not None) == shown
-
-
-def test_the_path_has_one_scale_with_the_linkage_shown_or_not(screens: Screens) -> None:
-    scales = set()
-    for shown in (False, True):
-        screens.hear(opened("", paper(show_linkage=shown)), before())
-        scales.add(screens.participant.view.scale)
-    assert len(scales) == 1
+        view = screens.participant.view
+        assert (view.moving_box() == view.rect()) == shown, "what a linkage covers is painted anew"
 
 
 def test_where_a_force_sensor_is_the_hand_the_pointer_is_none(screens: Screens) -> None:
@@ -120,27 +103,6 @@ def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Sc
     screens.hear(opened(), running())
     screens.participant.close()
     assert screens.main.cards.question is not None and not screens.client.stopped
-
-
-def test_who_stays_after_closing_the_participants_view_is_asked_the_questions_in_the_main_window(
-    screens: Screens,
-) -> None:
-    screens.hear(opened(), ready(10, stage=m.QUESTIONS))
-    screens.press(Qt.Key.Key_F11)
-    screens.press(Qt.Key.Key_F11)
-    screens.participant.questions.scales["effort"].set(50)
-    assert not screens.run.questions.isVisible()
-    screens.participant.close()
-    screens.main.press_escape()
-    assert screens.run.questions.isVisible() and screens.run.questions.values["effort"] == 50
-
-
-def test_f11_shows_and_hides_the_participants_view(screens: Screens) -> None:
-    screens.hear(opened(), ready(3))
-    screens.press(Qt.Key.Key_F11)
-    assert not screens.participant.isVisible()
-    screens.press(Qt.Key.Key_F11)
-    assert screens.participant.isVisible()
 
 
 def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens: Screens) -> None:
@@ -213,18 +175,6 @@ def test_the_participant_sees_where_the_hand_pulls_while_the_pointer_is_over_the
     assert screens.participant.view.pointer == tuple(rows[-1, tick_log.TARGET_X : tick_log.TARGET_Y + 1])
 
 
-def test_the_text_is_never_under_the_dot(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    view = screens.participant.view
-    for x, side in ((0.3, 1), (0.7, -1)):
-        view.show_handle(view.to_plane(QPointF(x * view.width(), 0.85 * view.height())))
-        assert view.side == side
-    for path in PATHS.values():  # nor does it jump aside where a trial begins and ends
-        for x, y in (path.start_m, path.end_m):
-            view.show_handle((x, y - view.radii_m[0]))
-            assert view.side == 0
-
-
 def instructed(screens: Screens, folder: str, hand: str = MOUSE) -> None:
     pages = (Instruction(text="Hold the handle."), Instruction(text="Follow the line."))
     screens.hear(opened(protocol=paper(instruction=pages), folder=folder, hand=hand), ready(0))
@@ -271,71 +221,6 @@ def test_instructions_that_nobody_sees_hold_nothing_up_and_do_not_come_after_the
     assert screens.run.panel.start.text() == "Start"
 
 
-def test_a_simulated_operator_is_given_nothing_to_read_and_the_plan_says_for_whom_it_is(screens: Screens) -> None:
-    screens.participant.show()
-    instructed(screens, "operator", OPERATOR)
-    assert screens.participant.view.isVisible() and screens.run.panel.start.text() == "Start"
-    assert "2 pages before the first trial, for a person" in print_plan(screens.main.opened.protocol, "01")
-
-
-def test_the_countdown_of_a_break_goes_on_between_two_words_of_the_server(screens, monkeypatch) -> None:
-    clock = SimpleNamespace(now_s=100.0, perf_counter=lambda: clock.now_s)
-    monkeypatch.setattr(participant_window, "time", clock)
-    screens.hear(opened(), ready(8, stage=m.BREAK, card=SHORT_BREAK))
-    read = []
-    while clock.now_s < 107.0:
-        clock.now_s += 0.25
-        screens.hear()
-        if (text := screens.participant.view.shown.small.split(" · ")[0]) not in read:
-            read.append(text)
-    left = [ENGLISH_WORDS["break_left"].format(time=f"0:0{seconds}") for seconds in range(5, 0, -1)]
-    assert read == [*left, ENGLISH_WORDS["break_how"]]
-
-
-def test_nobody_is_asked_to_touch_a_dot_that_is_out_of_sight(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    for x, asked in ((0.0, True), (1.5, False), (0.0, True)):
-        for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE):
-            screens.tick(ticks(phase, TIP_X=x), taken=False)
-            for small in (screens.participant.view.shown.small, screens.run.workspace.view.line):
-                assert ("Touch" in small) == asked, (x, phase)
-
-
-def test_the_widest_path_of_each_shipped_protocol_takes_half_of_the_width_where_the_paths_find_room(screens) -> None:
-    view = screens.participant.view
-    for name in shipped_protocols():
-        protocol = load_protocol(name)
-        screens.hear(opened(protocol=protocol, folder=name, plan=()), ready(coming=None))
-        for width, height in (
-            (480, 320),
-            (1280, 1024),
-            (1024, 768),
-            (1680, 1050),
-            (1280, 720),
-            (1920, 1080),
-            (2560, 1080),
-        ):
-            screens.participant.resize(width, height)
-            QApplication.processEvents()
-            shares, reach = [], []
-            margin = 0.03 * height  # px: between a ring, with its line, and the edges of the screen or the text
-            obstacles = [view.pixels(found.outline()) for found in protocol.obstacle if found.half_plane_m is None]
-            for path in protocol.paths.values():
-                screens.participant.view.show_path(path)
-                drawn = view.pixels(view.outline)
-                shares.append(np.ptp(drawn[:, 0]) / width)
-                rings = [radius + 0.5 * view.sizes.ring_pen for radius in view.rings_px]
-                seen = [
-                    end + at * ring for end, ring in zip((drawn[0], drawn[-1]), rings, strict=True) for at in (-1, 1)
-                ]
-                reach.append(np.vstack([drawn, *seen, *obstacles]))
-            (left, top), (right, bottom) = np.vstack(reach).min(axis=0), np.vstack(reach).max(axis=0)
-            assert min(left, top, width - right, TEXT_TOP * height - bottom) >= margin, (name, width, height)
-            is_full = right - left > 0.92 * width or bottom - top > 0.9 * TEXT_TOP * height
-            assert max(shares) == pytest.approx(0.5, abs=0.01) or (is_full and max(shares) < 0.5)
-            assert not is_full or width > 1.7 * height or name != "paper"
-
-
 def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screens: Screens) -> None:
     answers: list[bool] = []
     screens.participant.consent.answered.disconnect()
@@ -350,12 +235,3 @@ def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screen
     QTest.mouseClick(page.agree, Qt.MouseButton.LeftButton)
     screens.participant.ask_consent(None)
     assert answers == [True] and screens.participant.view.isVisible()
-
-
-def test_who_has_the_space_bar_is_told_of_it_beside_what_is_given_back() -> None:
-    told = opened(protocol=paper(feedback="error", cues=Cues(too_fast_s=3.0, too_slow_s=6.0)))
-    for snapshot, says in (
-        (ready(0), ("first_space",)), (ready(5, newest=None), ("next_space",)), (ready(3), ("slower", "next_space")),
-    ):  # fmt: skip
-        small = words.between(snapshot, told, own_start=True).small
-        assert all(ENGLISH_WORDS[key] in small for key in says) and ("on average" in small) == (len(says) > 1)

@@ -154,14 +154,6 @@ def test_a_session_whose_hand_nobody_knows_is_opened_and_not_gone_on_with(tmp_pa
         assert seen.until(lambda s: "'a foot'" in s.notice).stage == m.NO_SESSION
 
 
-def test_a_session_is_left_and_opened_again_in_one_go(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
-        seen.open()
-        for intent in (m.Leave(), m.Open("01", resume=True), m.Note("here again")):
-            seen.client.send(intent)
-        assert seen.until(lambda s: s.notes).stage == m.READY
-
-
 def test_a_session_is_not_left_in_mid_trial_and_what_it_recorded_stays(tmp_path: Path) -> None:
     with local_window(Setup(tmp_path / "data", sync=False)) as seen:
         seen.open()
@@ -185,12 +177,3 @@ def test_a_studys_folder_takes_no_other_session(tmp_path: Path) -> None:
         seen.client.send(m.Open("03"))
         assert "holds a study, which takes no other session" in seen.until(lambda s: s.notice_bad).notice
     assert not list(tmp_path.glob("sub-*"))
-
-
-def test_a_simulated_device_has_no_steps(tmp_path: Path) -> None:
-    with local_window(Setup(tmp_path / "data", sync=False)) as seen:
-        seen.open()
-        seen.client.send(m.PrepareDevice(m.ZERO))
-        seen.until(lambda s: s.notice_bad and "simulated" in s.notice)
-        seen.until(lambda s: seen.pulse)
-        assert seen.pulse.device is None

@@ -64,4 +64,6 @@ def test_what_a_step_of_the_session_puts_right_keeps_trials_from_starting_and_is
     assert snapshot.session_blocker(real_device=True) == "" and not snapshot.place_known
     looked_for = check_real(status(problem="no answer"), "", connecting=True)
     assert (looked_for.state, looked_for.text) == (m.WAITING, "connecting …")
-    assert check_real(status(problem="no answer"), "").state == m.BAD
+    lost = status(problem="no answer")
+    assert (check_real(lost, "").state, check_sensor(lost).state) == (m.BAD, m.WAITING), "a sensor of no board"
+    assert check_real(status(), "").state == check_sensor(status()).state == m.GOOD

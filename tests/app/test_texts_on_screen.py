@@ -39,10 +39,8 @@ from core.faults import cause
 from experiments.analysis.trials_table import as_rows, as_table
 from experiments.protocol_file import Consent
 from experiments.store.overview import DataOverview, SessionOverview
-from hardware.discovery import BoardFound
 
-#: the smallest and a large one, by the steps of the text size
-SIZES = SMALLEST, (1280, 720), (1920, 1080)
+SIZES = SMALLEST, (1920, 1080)
 NOTES = ("13:02 slower", "13:05 a longer note about what happened")
 LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
@@ -163,18 +161,14 @@ def sessions(screens: Screens) -> None:
     one = SessionOverview(Path("sub-01/ses-01"), "01", "paper", 14, 60, 1.8e9, lacking=3)
     others = one._replace(participant="02", done=60), one._replace(participant="03", declined=True)
     broken = one._replace(participant="04", problem="session.db: gone")
-    data = screens.main.pages[HOME].data
-    data._looking.forget()
-    data.show_overview(DataOverview(Path("data"), (one, *others, broken)))
+    screens.main.pages[HOME].data.show_overview(DataOverview(Path("data"), (one, *others, broken)))
 
 
 def ports(screens: Screens) -> None:
     page(HOME, opened(""), before())(screens)
     home = screens.main.pages[HOME]
     home.link.show_value(BOARD)
-    home._refresh()
-    home.ports._looking.forget()
-    home.ports._show_found((BoardFound("/dev/ttyACM0", "B-7", "four-brake", 1, "1.0.0"), BoardFound("/dev/ttyUSB0")))
+    home.link.changed.emit(BOARD)
 
 
 def consent(screens: Screens) -> None:

@@ -5,24 +5,20 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from drawn_ways import trail_of
-from fake_client import PATHS, before, movement, opened, paper, ready
+from fake_client import before, movement, opened, paper, ready
 from page_driver import PageDriver
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QPushButton
-from screens import settle
-from texts_on_screen import faults
+from PySide6.QtWidgets import QPushButton
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
-from app.ipc.ring import GRASP_RADIUS_M
 from app.window.sandbox.dials import DIALS, Dial
 from app.window.sandbox.pass_view import GAP
 from app.window.sandbox.try_page import BACK, NO_PASS, TryPage
 from core import tick_log
 from core.control.controllers import PARAMETERS, Preset
 from experiments.assumptions import IDEAL
-from experiments.protocol import load_protocol
 
 
 class Held(PageDriver):
@@ -137,15 +133,6 @@ def test_a_refusal_brings_the_settings_back(held: Held) -> None:
     assert held.page.controls.settings == INITIAL
 
 
-def test_the_devices_of_another_protocol_can_be_chosen_and_stand_in_lines_where_their_names_do_not_fit(held) -> None:
-    held.page.show_opened(opened("", protocol=load_protocol("displays")))  # the paper's controllers and paths
-    held.page.show_snapshot(tried(INITIAL._replace(device="er-two-brake")))
-    settle(held.page)
-    buttons = held.page.controls.segments["device"].findChildren(QPushButton)
-    assert [one.text() for one in buttons if one.isChecked()] == ["er-two-brake"] and len(buttons) == 4
-    assert len({one.y() for one in buttons}) == 2 and faults(held.page.controls) == []
-
-
 def test_another_protocol_brings_its_own_controllers(held: Held) -> None:
     other = {7: Preset("Wall", "sdof", (0.01,))}
     held.page.show_opened(opened("", paper(controllers=other)))
@@ -184,15 +171,6 @@ def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> Non
         and len(held.sent) == count + 1
     )
     assert held.page.controls.dials["spring_N_m"].value.text() == "1\u202f500 N/m"
-
-
-def test_a_slider_comes_to_where_it_is_pressed(held: Held) -> None:
-    held.page.controls.more.click()
-    settle(held.page)
-    slider = held.page.controls.dials["backlash_deg"].slider
-    for share in (0.9, 0.1, 0.5):
-        QTest.mouseClick(slider, Qt.MouseButton.LeftButton, pos=QPoint(round(share * slider.width()), 10))
-        assert slider.value() == pytest.approx(share * slider.maximum(), abs=0.1 * slider.maximum())
 
 
 @pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
@@ -240,16 +218,6 @@ def test_a_setting_has_one_row_with_its_newest_pass_on_each_device_the_newest_on
     assert held.page.table.rowCount() == 1
 
 
-def test_ten_settings_are_seen_with_their_heads_whole_in_a_small_window(held: Held) -> None:
-    held.resize(1256, 575)
-    passes = [ended(5 * path + number, number, path=path) for path in (1, 2) for number in range(1, 6)]
-    held.page.show_snapshot(tried(INITIAL, *passes))
-    settle(held.page)
-    table = held.page.table
-    assert table.rowCount() == 10 and not table.verticalScrollBar().isVisible()
-    assert table.head.needed_px <= table.columnWidth(4) and sum(map(table.columnWidth, range(10))) <= table.width()
-
-
 def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     rows = movement(1, "AEB", 2.0)
     rows[:, tick_log.PATH_DISTANCE] = -0.0042
@@ -268,67 +236,6 @@ def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     assert len(trail_of(page.canvas)) == 1510  # to be looked at until the next movement
     page.show_ticks(rows[:1], True)
     assert len(trail_of(page.canvas)) == 1
-
-
-def test_the_window_is_not_laid_out_anew_for_numbers_that_change(held: Held, qtbot) -> None:
-    rows = movement(1, "AEB", 2.0)
-    held.page.show_ticks(rows[:100], True)
-    settle(held.page)
-    QApplication.processEvents()  # a picture of it lays out what is hidden, too
-    laid_out: list[QObject] = []
-
-    class Watch(QObject):
-        def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-            if event.type() == QEvent.Type.LayoutRequest:
-                laid_out.append(watched)
-            return False
-
-    watch = Watch()
-    QApplication.instance().installEventFilter(watch)
-    for upto in range(200, 1200, 100):
-        rows[:upto, tick_log.PATH_DISTANCE] = 1e-4 * upto
-        held.page.show_ticks(rows[upto - 100 : upto], True)
-        QApplication.processEvents()
-    QApplication.instance().removeEventFilter(watch)
-    assert held.page.error.text() == "110.0 mm" and laid_out == []
-
-
-def test_at_rest_the_canvas_is_painted_with_its_read_outs_alone(held: Held) -> None:
-    rows, canvas = movement(1, "AEB", 2.0)[:1000], held.page.canvas
-    rows[:] = rows[500]
-    rows[:, tick_log.T] = np.arange(len(rows)) / 1000.0
-    painted: list[bool] = []
-    held.page.show_ticks(rows[:20], True)
-    settle(held.page)
-    canvas.painted.connect(lambda: painted.append(True))
-    for at in range(20, 100, 10):
-        held.page.show_ticks(rows[at : at + 10], True)
-        QApplication.processEvents()
-    assert len(painted) <= 1
-    rows[110:, tick_log.HAND_FX] += 5.0
-    before = len(painted)
-    held.page.show_ticks(rows[100:120], True)
-    QApplication.processEvents()
-    assert len(painted) > before
-
-
-def test_where_the_pointer_can_take_the_handle_is_seen_until_it_has_taken_it(held: Held) -> None:
-    canvas, at = held.page.canvas, np.array((0.0, 0.42))
-    beside = canvas.to_screen(at + (0.8 * GRASP_RADIUS_M, 0.0)).toPoint()
-    seen = []
-    for taken in (None, False, True):
-        canvas.show_handle(tuple(at), taken)
-        seen.append(canvas.grab().toImage().pixelColor(beside).lightness())
-    assert seen[1] > seen[0] == seen[2]
-
-
-def test_the_canvas_is_zoomed_to_each_path(held: Held) -> None:
-    for number, path in PATHS.items():
-        held.page.show_snapshot(tried(INITIAL._replace(path=number)))
-        view = held.page.canvas
-        for end in (path.start_m, path.end_m):
-            assert view.rect().contains(view.to_screen(end).toPoint())
-        assert np.hypot(*np.subtract(path.end_m, path.start_m)) * view.scale > 0.3 * view.width() or number == 2
 
 
 def test_the_controller_sees_the_truth_or_what_encoders_give_of_a_simulated_device(held: Held) -> None:

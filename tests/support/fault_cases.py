@@ -122,7 +122,7 @@ class Case:
         """The device's item of the pre-flight row, by what the loop has told."""
         self.answers.seek(0)
         told_last = None
-        while (answer := self._answer()) is not None:
+        while (answer := self.answer()) is not None:
             told_last = answer if isinstance(answer, DeviceStatus) else told_last
         return check_real(told_last, self.ring.why_off) if told_last else None
 
@@ -132,7 +132,7 @@ class Case:
         self.loop.report_device()
         return self.look()
 
-    def _answer(self):
+    def answer(self):
         try:
             return pickle.load(self.answers)
         except EOFError:
