@@ -13,6 +13,7 @@ import pytest
 from own_files import DAMPER, FREE, MEASURE, PROTOCOL, controller_of, measures_of, own_experiment
 from rows import read_rows
 
+from app.cli import main
 from core import own_consent, own_process, tick_log
 from core.control.controllers import make_preset
 from core.files import InputError
@@ -67,16 +68,17 @@ def python(script: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-c", script], **about)
 
 
-def phd(*arguments: object, answer: str | None = None) -> subprocess.CompletedProcess:
-    """Run a verb. answer: to a question on a terminal; None: there is none."""
-    run = "from app.cli import main; import sys; sys.exit(main(%r))" % [str(argument) for argument in arguments]
-    if answer is None:
-        return python(run)
+def asked(answers: str, folder: Path, verb: list[str]) -> subprocess.CompletedProcess:
+    """Run a verb as often as there are answers to its question on a terminal; it prints exit codes, and whether code
+    out of the folder has run by then.
+    """
+    once = f"(main({verb}), os.path.exists({str(folder / 'ran')!r}))"
+    run = f"from app.cli import main; import os; print([{once} for _ in range({len(answers.split())})])"
     command, about = [sys.executable, "-c", run], {"cwd": ROOT, "text": True}
     ours, theirs = pty.openpty()
     try:
         with subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=theirs, **about) as process:
-            os.write(ours, answer.encode())
+            os.write(ours, answers.encode())
             os.close(theirs)
             out = process.stdout.read()
             said = os.read(ours, 100_000).decode()
@@ -116,10 +118,8 @@ def test_a_session_that_is_resumed_needs_the_answer_too(elsewhere, received):
 
 def test_yes_is_remembered_by_the_hash_for_the_user_alone_and_no_is_no(elsewhere, received, tmp_path):
     recording = elsewhere / "sub-01/ses-01/trials/run-001.parquet"
-    found = phd("replay", recording, "--json", answer="n\n")
-    assert found.returncode == 2 and "Run it? [y/N]" in found.stderr and not (received / "ran").exists()
-    found = phd("replay", recording, "--json", answer="y\n")
-    assert found.returncode == 0 and (received / "ran").exists()
+    found = asked("n\ny\n", received, ["replay", str(recording), "--json"])
+    assert found.stdout.endswith("[(2, False), (0, True)]\n") and "Run it? [y/N]" in found.stderr
     kept = tmp_path / "config" / own_consent.FILE
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600 and len(kept.read_text().split()) == 2
     assert unallowed_code(elsewhere) == {}
@@ -127,9 +127,10 @@ def test_yes_is_remembered_by_the_hash_for_the_user_alone_and_no_is_no(elsewhere
     assert len(unallowed_code(elsewhere)) == 2, "others could have written it"
 
 
-def test_an_option_allows_it_where_nobody_can_be_asked(elsewhere, received, tmp_path):
-    found = phd("analyze", elsewhere, "--out", tmp_path / "again", "--run-own-code", "--json")
-    assert found.returncode == 0 and (received / "ran").exists() and "recorded with the session" not in found.stdout
+def test_an_option_allows_it_where_nobody_can_be_asked(elsewhere, tmp_path, capsys):
+    assert len(unallowed_code(elsewhere)) == 2
+    assert main(["analyze", str(elsewhere), "--out", str(tmp_path / "again"), "--run-own-code", "--json"]) == 0
+    assert "recorded with the session" not in capsys.readouterr().out and unallowed_code(elsewhere) == {}
 
 
 def test_what_a_user_starts_is_trusted_and_shipped_code_is_ours(tmp_path, monkeypatch):
