@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_constant, torque_gain
-from core.device import load_device, without_backlash
+from core.device import without_backlash
 from core.records import new_record
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
@@ -143,10 +143,3 @@ def test_reversal_leaves_the_yield_for_the_width_of_the_play():
         assert inside.sum() > 10 and outside.sum() > 10
         assert np.abs(rows[inside, 5]) == pytest.approx(0.35, rel=1e-9)
         assert np.all(np.abs(rows[outside, 5]) > 3.0)
-
-
-SHIPPED = load_device("three-brake")
-CURRENTS = np.array([0.3, 0.1, 0.2, 0.0])
-TIMES = np.arange(0.0, 4.0, 1e-3)
-#: N; a hand that turns round again and again
-FORCE = np.column_stack([12.0 * np.sin(2.6 * np.pi * TIMES), 9.0 * np.cos(1.8 * np.pi * TIMES)])

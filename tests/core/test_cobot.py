@@ -11,7 +11,6 @@ from core.cobot import (
     advance_at_wall,
     new_cobot,
     path_goal,
-    stops_short,
     velocity,
 )
 from core.control.velocity_field import Field
@@ -167,12 +166,6 @@ def test_no_hand_within_the_stated_push_passes_the_wall_and_all_come_near_it(fil
         assert 0.5 * record["speed"][0] ** 2 == pytest.approx(record["work"][0], rel=1e-9, abs=1e-9)
         reached += least < 0.06
     assert reached > 20, "the wall is not kept by standing off from it"
-
-
-def test_a_hand_beyond_the_stated_push_is_not_promised_anything():
-    record = moving(ONE_CASTOR, 0.0, -0.5)
-    record["pose"][0, 1] = 0.001
-    assert not stops_short(record[0], np.array((0.0, 0.0, 0.0, 1.0)), 30.0, STEP, 2000)
 
 
 def test_steered_along_a_path_the_heading_is_brought_near_and_the_way_is_the_paths():

@@ -8,8 +8,6 @@ from exports import rows, table, validate
 from sessions import closed_session, new_session
 
 from app.window.participant.questionnaire import ITEMS
-from experiments.analysis.charts import POOLED, View
-from experiments.analysis.trials_table import as_table
 from experiments.export.export import export
 from experiments.export.files import (
     NOTES_CSV,
@@ -18,14 +16,12 @@ from experiments.export.files import (
     write_answers_and_notes,
     write_phenotype,
 )
-from experiments.export.results import ResultsJob
 from experiments.store.database import Database
 from experiments.store.journal import ANSWERS, CONTROLLER_ANSWERS, JournalWriter
 from experiments.store.journal import NOTE as NOTED
 
 SCALES = [item for item, *_ in ITEMS]
 FIRST, SECOND = (dict(zip(SCALES, (5.0 * (n + i) for i in range(7)), strict=True)) for n in (1, 4))
-LABELS = {number: f"{number}" for number in range(1, 6)}
 NOTE = 'said: "too hard", asked for a pause,\nthen went on'
 
 
@@ -81,12 +77,6 @@ def test_answers_are_a_phenotype_that_the_official_validator_accepts(study, tmp_
     found = validate(out)
     assert not [issue for issue in found if issue[0] == "error"], found
     assert not [issue for issue in found if "PHENOTYPE" in issue[1] or "TSV" in issue[1]], found
-
-
-def job(shown, data, folder, sessions):
-    """What the page Analyse exports."""
-    view = View(("three-brake",), LABELS)
-    return ResultsJob(POOLED, as_table(tuple(shown)), (), view, "note", data, tuple(sessions), folder)
 
 
 def test_answers_after_a_controller_belong_to_it_in_every_export(tmp_path):

@@ -86,9 +86,3 @@ def test_bench_writes_what_it_prints(tmp_path, capsys, monkeypatch):
     assert result["machine"]["mujoco"] is None and not any(row["integrator"] == "mujoco" for row in result["rows"])
     assert work_precision(result)["pdf"].startswith(b"%PDF")
     assert (tmp_path / "b" / "work-precision.png").stat().st_size > 1000
-
-
-def test_bench_refuses_a_folder_that_exists_before_it_measures(tmp_path, capsys):
-    assert main(["bench", "--out", str(tmp_path)]) == 2
-    assert main(["bench", "--out", str(tmp_path / "no" / "b")]) == 2
-    assert "never overwritten" in capsys.readouterr().err

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_client import PLAN, result
-from matplotlib.lines import Line2D
 from protocols import PAPER, short
 from sessions import new_session, run_trials
 
 from core.files import InputError
 from core.path import build_path
-from experiments.analysis.chart_figures import chart_figure
 from experiments.analysis.charts import (
     ORDER,
     PERSON,
@@ -21,16 +19,14 @@ from experiments.analysis.charts import (
     AnswerSet,
     View,
     charts,
-    coloured,
     left_out,
     legend,
 )
 from experiments.analysis.movement import along_path
-from experiments.analysis.sheet import colour_of
 from experiments.analysis.trials_table import as_table
 from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
-from experiments.export.results_files import session_lines, write_results
+from experiments.export.results_files import write_results
 from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
 from experiments.study.playback import device_of, read_playback
@@ -111,39 +107,6 @@ def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_part
     assert len(chart.boxes) == 2
 
 
-@pytest.mark.parametrize("page", [PERSON, ORDER, SPEED])
-def test_colours_are_named_on_screen_and_on_paper_and_a_point_names_its_controller(page):
-    view, rows = VIEW._replace(names={**VIEW.names, 4: "Proportional,\nhigh gain"}), study()
-    chart = charts(page, as_table(rows), view)[0]
-    named = coloured([chart], view)
-    assert list(named) == [1, 2, 3, 4, 5] and named[4] == "Proportional, high gain"
-    assert all(
-        f" · {view.name(point.row.controller)} · trial {point.row.run} · " in point.text for point in chart.points
-    )
-    (key,) = chart_figure(chart, as_table(rows), "", view).legends
-    looks = {text.get_text(): dot.get_color() for text, dot in zip(key.get_texts(), key.get_lines(), strict=True)}
-    assert [looks.pop(f"path {path}") for path in (1, 2)] == 2 * [Line2D([], []).get_color()], "of no controller"
-    assert looks == {name: colour_of(controller, view.colours) for controller, name in named.items()}
-    coded = [replace(row, controller=f"K{row.controller}") for row in rows]
-    assert coloured(charts(page, as_table(coded), view), view) == {}
-    assert not chart_figure(charts(page, as_table(coded), view)[0], as_table(coded), "", view).legends
-
-
-def test_answers_stand_by_question_and_device():
-    answers = [
-        AnswerSet(f"{n:02d}", device, 1, 0, {"effort": 5.0 * n, "mental_demand": 5.0 * n}, "")
-        for n in range(6) for device in DEVICES
-    ]  # fmt: skip
-    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, answers)
-    assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
-    assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, as_table(study()), VIEW) == []
-    assert [at.look for at in sorted(chart.boxes)] == [0, 1, 0, 1]  # the first device stands first
-    after = [answer._replace(controller=1 + n % 2, block=0) for n, answer in enumerate(answers)]
-    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, after)
-    assert {point.controller for point in chart.points} == {1, 2}
-    assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     """A session of twenty trials: three run, of which one was repeated and one excluded, and one note."""
@@ -186,20 +149,6 @@ def test_an_export_holds_what_is_seen_named_for_its_content_and_never_writes_ove
     with pytest.raises(InputError, match="is not empty"):
         write_results(job)
     assert first_free(tmp_path, "results").name == "results-2" and {path.name for path in job.folder.iterdir()} == there
-
-
-def test_a_report_of_a_session_says_who_when_plan_measures_decisions_and_notes(data, tmp_path):
-    session = data / "sub-01" / "ses-01"
-    text = "\n".join(text for _, text in session_lines(session))
-    for part in (
-        "Session of participant 01", "Protocol ", "20 trials planned; 3 rows: 1 done, 1 redone, 1 excluded.",
-        "1 trial excluded by the experimenter", "path error", "The trials did not run in real time.",
-        "trial 1 repeated: looked away", "trial 2 excluded: the participant sneezed", "asked to move a little slower",
-    ):  # fmt: skip
-        assert part in text
-    job = ResultsJob(POOLED, as_table(()), (), VIEW, "", data, (session,), tmp_path / "reports", report=True)
-    assert write_results(job) == 1
-    assert (tmp_path / "reports" / "sub-01_ses-01_report.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_path(data):

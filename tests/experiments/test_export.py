@@ -354,9 +354,7 @@ def record(data: Path, kind: str) -> None:
 KINDS = {
     "operator": ("operator", "simulated operator", True, True, "n/a"),
     "mouse": ("mouse", "with the mouse", True, False, "n/a"),
-    "hid": ("hid", "six-axis device", True, False, "n/a"),
     "serial A17": ("force sensor", "on the bench", False, False, "A17"),
-    "serial EMULATED-3": ("force sensor", "on the bench", True, True, "EMULATED-3"),
     "serial": ("force sensor", "on the bench", False, False, "unknown"),
 }
 
@@ -374,7 +372,7 @@ def test_hand_and_device_of_a_recording_stand_in_its_export(tmp_path: Path, kind
     assert dict(zip(header, person, strict=True))["hand"] == hand
     levels = json.loads((bids / "participants.json").read_text())["hand"]["Levels"]
     assert list(levels) == [hand] and words in levels[hand]
-    assert kind not in ("hid", "serial A17") or not errors(bids)  # the others have no other files
+    assert kind != "serial A17" or not errors(bids)  # the others have no other files
 
 
 def test_authors_and_licence_of_the_command_are_kept_for_the_next_export(study, tmp_path):

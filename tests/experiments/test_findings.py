@@ -19,8 +19,6 @@ from experiments.analysis.findings import (
     HOLDS,
     IN_BOXES,
     STATEMENTS,
-    Claim,
-    Evidence,
     PooledBox,
     box_findings,
     box_findings_of,
@@ -220,11 +218,6 @@ def test_few_people_decide_only_what_is_plain_among_them_and_one_person_nothing(
     assert all("one participant has no interval" in one.sentence and " to " not in one.sentence for one in found)
 
 
-def answer(kind, interval, matters):
-    """Whether an interval meets a claim of this kind, when so much matters."""
-    return Evidence(Claim(kind, "path_error_m", (2,), (1,)), "path_error_m", DEVICES, matters, found=interval).answer
-
-
 @given(st.lists(st.floats(-100, 100), min_size=2, max_size=14))
 def test_the_interval_of_the_mean_is_students(differences):
     found = mean_interval(differences)
@@ -250,9 +243,6 @@ def test_the_report_says_for_whom_and_what_so_few_people_cannot_show(people, who
     says += f"{people} participants is {smallest:.3g}, after Holm's correction for 10 pairs {10 * smallest:.2g}."
     assert (says in text) == ("no *" in text) == (people == 6)
     assert ("*" in text.split("## Against no control")[1].split("\n\nChange")[0]) == (people == 9)
-
-
-ends = st.tuples(st.floats(-100, 100), st.floats(-100, 100)).map(sorted)
 
 
 def test_spread_is_the_mean_distance_of_a_persons_trials_from_the_line_in_the_box():

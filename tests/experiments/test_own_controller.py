@@ -4,28 +4,24 @@ import json
 import pickle
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from exports import rows as csv_rows
-from own_files import DAMPER, FREE, PROTOCOL, controller_of, own_experiment
+from own_files import DAMPER, controller_of, own_experiment
 
 from core import tick_log
 from core.control import sdof
 from core.control.controllers import CODED, DECISIONS, Preset, make_controller, make_preset
 from core.files import InputError
 from experiments.plan import PlannedTrial
-from experiments.protocol import SHIPPED_FOLDER, load_protocol, protocol_from_json, protocol_to_json
-from experiments.protocol_writer import protocol_text, save_protocol
+from experiments.protocol import load_protocol, protocol_from_json, protocol_to_json
 from experiments.store.metadata import preset_from_json
 from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.study.controller_check import check_controller
 from experiments.study.replay import Replacement, replay
 from experiments.study.study import run_study
-from experiments.study.sweep import load_sweep, run_sweep
 from experiments.study.unrecorded import person_of, run_trial, switched_on, trial_of
 from experiments.trial.population import load_population
 from experiments.trial.trial import SimulatedTrial
@@ -104,20 +100,6 @@ def test_another_process_finds_the_controller_at_its_own_address(file: Path, tmp
     assert there == run_trial(trial).tobytes()
 
 
-def test_a_shipped_file_is_found_from_everywhere_and_one_beside_the_protocol_comes_first(tmp_path: Path):
-    text = PROTOCOL.replace("my_damper.py", "damper.py")
-    (tmp_path / "mine.toml").write_text(text)
-    (shipped,) = load_protocol(tmp_path / "mine.toml").controllers.values()
-    assert shipped.own and shipped.own.text == (SHIPPED_FOLDER / "damper.py").read_text()
-    content = tomllib.loads(load_protocol("arena").text) | {"blocks": 2}
-    save_protocol(tmp_path / "arena.toml", protocol_text(content))
-    again = load_protocol(tmp_path / "arena.toml")
-    assert again.blocks == 2 and again.controllers == load_protocol("arena").controllers
-    (tmp_path / "damper.py").write_text(DAMPER)
-    (own,) = load_protocol(tmp_path / "mine.toml").controllers.values()
-    assert own.own and own.own.text == DAMPER
-
-
 WILD = """
     if controller.values[1] == 0.0:
         tick.brakes.current_max[0], tick.brakes.present[1] = 100.0, 1.0
@@ -172,39 +154,3 @@ def test_a_file_that_cannot_run_is_refused_in_a_sentence(text: str, wanted: str)
     with pytest.raises(InputError, match=wanted) as refused:
         make_controller(make_preset("Damper", "damper.py", {}, controller_of("damper", text)), 30.0)
     assert "\n" not in str(refused.value)
-
-
-def test_a_sweep_varies_the_parameters_of_a_file_and_measures_by_a_file(file: Path):
-    file.write_text(f'measure = "my_measure.py"\n{PROTOCOL}{FREE}')
-    (sweep := file.with_name("sweep.toml")).write_text("""
-        name = "own"
-        protocol = "mine.toml"
-        operators = 1
-        repetitions = 1
-        [[controller]]
-        algorithm = "my_damper.py"
-        parameters = {damping_N_s_m = [50.0, 500.0]}
-    """)
-    summary = run_sweep(load_sweep(sweep), file.parent / "out")
-    rows = csv_rows(file.parent / "out/sweep.csv")
-    assert [(r["kind"], r["damping_N_s_m"], r["controller_name"]) for r in rows] == [
-        ("my_damper.py", "50.0", "my_damper.py, gap 0 mm, damping 50 N s/m"), ("my_damper.py", "500.0", "Damper"),
-    ]  # fmt: skip
-    assert float(rows[0]["late_error_mm"]) > float(rows[1]["late_error_mm"]) > 0.0
-    assert any(said.startswith("Late error: damping_N_s_m of my_damper.py") for said in summary["moves_most"])
-    sweep.write_text(sweep.read_text().replace("damping_N_s_m", "damping"))
-    with pytest.raises(InputError, match="sweep.toml: controller: damping is not for 'my_damper.py'"):
-        load_sweep(sweep)
-
-
-@pytest.mark.parametrize("change, wanted", [
-    (("my_damper.py", "../my_damper.py"), "name of a Python file"),
-    (("my_damper.py", "gone.py"), "gone.py: cannot be read|no such file"),
-    (("damping_N_s_m", "dampng_N_s_m"), "dampng_N_s_m is not for 'my_damper.py', did you mean damping_N_s_m?"),
-    (("damping_N_s_m", "damping"), r"damping is not for 'my_damper.py'.* \(there are: gap_m, damping_N_s_m\)"),
-    (('algorithm = "my_damper.py"', ""), "needs either kind or algorithm"),
-])  # fmt: skip
-def test_a_protocol_says_what_is_wrong_with_its_controller(file: Path, change: tuple[str, str], wanted: str):
-    file.write_text((PROTOCOL + FREE).replace(*change))
-    with pytest.raises(InputError, match=wanted):
-        load_protocol(file)

@@ -1,24 +1,19 @@
 """A measure in a file of one's own: everywhere a shipped one is, and where it fails the trial stays and it is said."""
 
 import json
-import pickle
 import re
 import shutil
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from own_files import FREE, MEASURE, PROTOCOL, measures_of, own_experiment
-from refusals import refusal
 
 import phd
-from app.cli import main
 from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.chart_figures import draw
 from experiments.analysis.charts import POOLED, View, charts
-from experiments.analysis.metrics import METRICS
-from experiments.analysis.own_measures import metrics_in, own_metrics
+from experiments.analysis.own_measures import metrics_in
 from experiments.analysis.trials_table import measure
 from experiments.export.export import export
 from experiments.export.results import read_results
@@ -27,7 +22,6 @@ from experiments.store.blind import blinded
 from experiments.store.recording import read_recording
 from experiments.store.verify import verify
 from experiments.study.analyze import analyze
-from experiments.study.power import measure_of
 from experiments.study.replay import replay
 from experiments.study.study import run_study
 from experiments.trial.population import load_population
@@ -116,22 +110,6 @@ def test_an_export_describes_it_and_a_blind_table_hides_it(study):
     assert blinded(type(row)(**{**vars(row), "controller": "K1"})).own == {}
 
 
-def test_power_asks_for_it_by_name_and_another_process_has_the_same_function(study):
-    metric = measure_of("late_error_mm", study.protocol)
-    assert pickle.loads(pickle.dumps(metric)) == metric and pickle.loads(pickle.dumps(METRICS[0])) is METRICS[0]
-    with pytest.raises(InputError, match="there is no 'late'; there are path_error_m, .*late_error_mm"):
-        measure_of("late", study.protocol)
-
-
-def test_the_plan_names_the_file_and_every_parameter_and_refuses_a_file_that_cannot_be_used(tmp_path, capsys):
-    text = f'measure = "my_measure.py"\n{PROTOCOL}'.replace("500.0", "200.0")
-    assert main(["run", str(own_experiment(tmp_path, text)), "--print-plan", "--participant", "01"]) == 0
-    said = capsys.readouterr().out
-    assert "Damper (gap 0 mm, damping 200 N s/m, my_damper.py, sha256 " in said and "my_measure.py, sha256 " in said
-    file = own_experiment(tmp_path, text, my_measure="MEASURES = ()")
-    assert "my_measure.py: must have MEASURES" in refusal(capsys, "run", file, "--print-plan")
-
-
 @pytest.mark.parametrize("text, wanted", [
     ("x = (", "my_measure.py: cannot be run: line 1: SyntaxError"),
     ("import sys; sys.exit(3)", "line 1: SystemExit: 3"),
@@ -168,14 +146,3 @@ def test_an_answer_that_is_no_finite_number_is_said(study, answer: str, wanted: 
     measured, failed = measure(recording, path, (), metrics_in(measures_of("odd", text)))
     assert re.search(wanted, failed.get("a", "")) and (measured == {}) == bool(wanted)
     assert wanted or (measured == {"a": 0.5} and isinstance(measured["a"], float) and not failed)
-
-
-def test_two_protocols_may_have_files_of_one_name_with_other_texts(tmp_path: Path):
-    made = []
-    for name, unit in (("a", "mm"), ("b", "cm")):
-        (tmp_path / name).mkdir()
-        text = MEASURE.replace('"mm"', f'"{unit}"')
-        made.append(
-            load_protocol(own_experiment(tmp_path / name, f'measure = "my_measure.py"\n{PROTOCOL}', my_measure=text))
-        )
-    assert [own_metrics(protocol)[0].unit for protocol in made] == ["mm", "cm"]

@@ -2,7 +2,6 @@
 
 import math
 import re
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,14 +10,12 @@ import pytest
 from devices import BRAKE_TEXT, FOUR, THREE
 from hypothesis import given
 from hypothesis import strategies as st
-from refusals import refusal
 
 from core.device import build_device
 from core.workspace import tip_is_free
 from experiments import paper_figures
 from experiments.analysis.sheet import figure_bytes
 from experiments.paper_figures import Drawn, draw_all, pictures
-from experiments.paper_figures.brake import brake_of
 from experiments.paper_figures.control import five_forces
 from experiments.paper_figures.directions import (
     achievable_span,
@@ -33,7 +30,6 @@ from experiments.protocol import load_protocol
 DEVICES = {bar.name: bar for bar in (THREE, FOUR)}
 devices = pytest.mark.parametrize("bar", DEVICES.values(), ids=DEVICES)
 lines_of_force = st.lists(st.floats(0.0, math.pi), min_size=1, max_size=5)
-BRAKE = brake_of(BRAKE_TEXT, "shipped")
 
 
 @given(lines_of_force)
@@ -58,11 +54,6 @@ def test_the_workspace_drawn_is_where_the_tip_is_free_on_one_side_of_the_singula
     for tip in np.column_stack((x[free & ~inside], y[free & ~inside])):
         assert bar.sines(tip)[2] * workspace.side < 0.0
     assert bar.is_open(np.array(workspace.home), 0.5)
-
-
-def sine(amplitude_deg: float, periods: float = 2.0) -> np.ndarray:
-    """Joint angles (n,) at 1 kHz, 1 Hz."""
-    return math.radians(amplitude_deg) * np.sin(2.0 * math.pi * np.arange(0.0, periods, 1e-3))
 
 
 def test_only_the_display_with_two_brakes_finds_no_valid_one_and_holds_least():
@@ -140,22 +131,3 @@ def test_what_rests_on_assumed_parameters_says_so_and_what_does_not_does_not(fig
         if picture.name in ("displays", "scooter"):  # of what is shipped, whatever the own devices
             continue
         assert "ssumed" not in words(picture.draw()), picture.name
-
-
-def test_wrong_input_ends_with_2_and_one_sentence_before_anything_is_drawn(tmp_path: Path, capsys, monkeypatch):
-    monkeypatch.setattr(paper_figures, "figure_bytes", lambda *_: pytest.fail("drawn"))
-    for name in ("file", "displays.pdf"):
-        (tmp_path / name).write_text("")
-    windows = sys.platform == "win32"
-    for arguments, says in (
-        (["--out", str(tmp_path / "file")], "already exists)" if windows else "cannot be written (file exists)"),
-        (
-            ["--out", str(tmp_path / "file" / "below")],
-            "already exists)" if windows else "cannot be written (not a directory)",
-        ),
-        (["--out", str(tmp_path / "new"), "--device", "six-brake"], "unknown device 'six-brake'"),
-        (["--out", str(tmp_path)], "exists already"),
-        ([], "--out"),
-    ):
-        assert says in refusal(capsys, "figures", *arguments)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["displays.pdf", "file"]

@@ -1,6 +1,5 @@
 """What a protocol file may hold besides its plan: devices, brakes, languages, pictures; what is saved; the wedge."""
 
-import math
 import shutil
 import tomllib
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exports import rows as csv_rows
-from msgspec.structs import replace
 from refusals import refusal
 
 from core.control.controllers import PARAMETERS
@@ -16,9 +14,7 @@ from core.device import SHIPPED_FOLDER as DEVICES
 from core.device import load_device
 from core.device_file import SHIPPED_FOLDER as BRAKES
 from core.files import InputError, toml_text
-from core.path import build_path, point_at
 from experiments.language import FOLDER, read_language
-from experiments.paper_figures.directions import HALF_TURN, force_lines
 from experiments.protocol import (
     SHIPPED_FOLDER,
     load_protocol,
@@ -33,8 +29,6 @@ from experiments.protocol_writer import (
     whole_text,
 )
 from experiments.study.sweep import FACTORS, MEASURED, load_sweep, run_sweep
-from experiments.study.unrecorded import study_trials
-from experiments.trial.population import load_population
 
 DEVICE = tomllib.loads((DEVICES / "four-brake.toml").read_text())
 BRAKE = tomllib.loads((BRAKES / "mrb-2107-3.toml").read_text())
@@ -200,9 +194,6 @@ def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> No
         load_protocol(with_lines(tmp_path, text=PAPER + pages.replace("grip", "\\u0000")))
 
 
-WEDGE = Path(__file__).resolve().parents[2] / "docs/examples/protocols/wedge.toml"
-
-
 def shipped(name: str) -> dict:
     return tomllib.loads((SHIPPED_FOLDER / f"{name}.toml").read_text())
 
@@ -268,43 +259,3 @@ def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path) -> None:
     assert file.read_bytes() == first
     save_protocol(file, protocol_text(shipped("displays")), replacing=True)
     assert load_protocol(file).name == "displays" and [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
-
-
-def without_valid_brake(device, path_file, side):
-    """Share of a path beside which (side: +1 left, -1 right) no SDOF path lies between tangent and inward normal."""
-    path = build_path(path_file, "path")
-    x, y, tx, ty = np.array([point_at(path, share * path.length) for share in np.linspace(0.0, 1.0, 201)]).T
-    lines = force_lines(device.mechanism, device.braked, x, y) + 0.5 * HALF_TURN  # SDOF paths, Eq. (12)
-    turn = np.mod(-side * (lines - math.atan2(ty[0], tx[0])), HALF_TURN)  # from the tangent towards the path
-    return float(np.mean((turn > 0.5 * HALF_TURN + 1e-9).all(axis=1)))
-
-
-@pytest.mark.parametrize("device", load_protocol(WEDGE).devices, ids=lambda device: device.name)
-def test_beside_its_paths_no_brake_is_valid_on_most_of_the_way_and_beside_the_papers_nowhere(device):
-    paths = load_protocol(WEDGE).paths
-    for number, path in paths.items():
-        shares = {side: without_valid_brake(device, path, side) for side in (1, -1)}
-        assert max(shares.values()) > 0.6, (number, shares)
-    if device.name != "er-two-brake":  # which has too few brakes for the paper's second segment
-        for path in load_protocol("paper").paths.values():
-            assert without_valid_brake(device, path, 1) == without_valid_brake(device, path, -1) == 0.0
-
-
-@pytest.mark.parametrize("rules", ["settled", "literal"])
-def test_its_trials_have_the_locks_and_releases_of_the_rules_on_every_device(rules):
-    protocol = replace(load_protocol(WEDGE, low_gain=5.0), rules=rules, blocks=1)
-    released, locked = {}, {}
-    for row, _ in study_trials(protocol, load_population("average"), 1):
-        cell = row.configuration, row.controller
-        for found, measure in ((released, "released_share"), (locked, "locked_share")):
-            found.setdefault(cell, []).append(row.value(measure))
-    for (device, controller), shares in released.items():
-        if controller == 1:
-            assert shares == [None, None]
-        elif controller in (2, 5):
-            assert max(shares) > 0.1, (device, controller, shares)
-    devices = {device for device, _ in locked}
-    assert len(devices) == 3
-    assert all(any(locked[device, controller] != [0.0, 0.0] for controller in (2, 4, 5)) for device in devices)
-    if rules == "literal":  # the slightest push away from the path locks
-        assert all(max(locked[device, 2]) > 0.02 for device in devices)

@@ -136,18 +136,6 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
     assert main(["replay", str(path), "--out", str(tmp_path / "none" / "out.csv")]) == 2
 
 
-def test_a_trial_that_never_came_to_move_has_no_hand_to_replay(tmp_path, capsys):
-    session = new_session(tmp_path, protocol=short(paths=1))
-    trial, writer = session.begin(session.next_planned())
-    run(trial, writer, 200, 200)
-    trial.abort("enough")
-    run(trial, writer)
-    session.finish(trial, writer)
-    session.close()
-    assert main(["replay", str(recordings(tmp_path)[0]), "--json"]) == 2
-    assert "never came to" in capsys.readouterr().err
-
-
 def test_a_trial_cut_off_by_a_crash_is_to_be_recovered_first_and_replayed_as_far_as_it_goes(tmp_path, capsys):
     session = new_session(tmp_path, protocol=short(paths=1))
     stream = crash_in_trial(session, 3000)
@@ -181,3 +169,15 @@ def shrunk(text):
     for length in ("0.2794", "0.3048"):
         text = text.replace(f"_m = {length}", "_m = 0.20")
     return text
+
+
+def test_a_trial_that_never_came_to_move_has_no_hand_to_replay(tmp_path, capsys):
+    session = new_session(tmp_path, protocol=short(paths=1))
+    trial, writer = session.begin(session.next_planned())
+    run(trial, writer, 200, 200)
+    trial.abort("enough")
+    run(trial, writer)
+    session.finish(trial, writer)
+    session.close()
+    assert main(["replay", str(recordings(tmp_path)[0]), "--json"]) == 2
+    assert "never came to" in capsys.readouterr().err

@@ -199,12 +199,6 @@ def test_the_scooter_is_kept_from_the_wall_and_slides_along_it(tmp_path, capsys)
     assert summary["least_distance_from_wall_m"] == pytest.approx(0.4 - columns["y_m"].max())
 
 
-def test_a_free_caster_moves_as_the_free_body_under_a_force_file(tmp_path, capsys):
-    (tmp_path / "hand.csv").write_text("t_s,fx_N,fy_N,torque_N_m\n0,0,0,0\n1,30,0,0\n")
-    columns, _, _ = simulated(tmp_path, capsys, FREE + 'file = "hand.csv"\n')
-    assert columns["x_m"][-1] == pytest.approx(1.0 / 6.0, rel=1e-6), "a = t m/s2"
-
-
 def test_a_cobot_may_have_one_castor_and_a_long_scene_is_the_same_in_chunks(tmp_path):
     (tmp_path / "one.toml").write_text(ONE_CASTOR)
     (tmp_path / "scene.toml").write_text(FREE.replace("scooter", "one.toml") + "constant = [3.0, 6.0, 0.0]\n")
