@@ -49,7 +49,7 @@ BESIDE_PX, FOOT_PX = 44, 200  # what else a card needs: wide, high
 
 
 class SettingsCard(OverlayCard):
-    """What the user chooses for this computer; each takes effect at once, but for the theme."""
+    """What the user chooses for this computer; each takes effect at once, but for the size."""
 
     wide_px = WIDE_PX
 
@@ -73,7 +73,7 @@ class SettingsCard(OverlayCard):
         kept_in = OneLine(from_home(data_folder), "", theme.NORMAL)
         folder = holder(row(kept_in, button("Change …", lambda: changed(memory.DATA_FOLDER), "small")))
         lines = grid_of({
-            "Theme": (self.theme, "From the next start on."),
+            "Theme": (self.theme, "At once; while a trial runs, after it."),
             "Size": (self.scale, "Of everything, as far as the screen has room; from the next start on."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),

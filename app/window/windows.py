@@ -17,7 +17,7 @@ from app.ipc.messages import Setup
 from app.window.main_window import MainWindow
 from app.window.picture_light import PictureLight
 from app.window.second_screen import SecondScreen
-from app.window.widgets import memory, words
+from app.window.widgets import memory, palette, theme, words
 from app.window.widgets.keys import bind
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
@@ -36,7 +36,7 @@ class Windows(QObject):
         self.main = MainWindow(client)
         self.participant = self.main.participant
         self.second_screen = SecondScreen(self.main, self.participant, self.main.cards.show_message)
-        self.over = False
+        self.over, self._theme = False, ""  # theme: that was chosen and is not shown yet
         self._warm_up: BackgroundTask | None = None
         self._ending: threading.Thread | None = None  # ends a session server, after which the next is started
         self._next: tuple[Setup, object] = client.setup, None
@@ -119,11 +119,23 @@ class Windows(QObject):
         return self.second_screen.other() is None
 
     def _follow_setting(self, key: str) -> None:
-        """Another screen was chosen for the participant."""
-        if key == memory.SCREEN:
+        """Another theme was chosen, or another screen for the participant."""
+        if key == memory.DARK_OR_LIGHT:
+            self._theme = memory.remembered(key)
+            self._change_theme()
+        elif key == memory.SCREEN:
             self.participant.hide()
             if not self.one_screen:
                 self._show_participant()
+
+    def _change_theme(self) -> None:
+        """Give all windows the chosen theme: half a second, for which a trial that counts is not made to wait."""
+        now = self.main.snapshot
+        if self._theme and (now.running is None or now.sandbox is not None):
+            palette.choose(self._theme)
+            self._theme = ""
+            theme.colour_all()
+            self._show_snapshot(now)
 
     def _screens_changed(self) -> None:
         QTimer.singleShot(0, self._follow_screens)  # once Qt has moved its windows
@@ -215,6 +227,7 @@ class Windows(QObject):
                     self._warm(message)
                     self._snapshot = message if self._light.is_on else None
                     self._show_snapshot(message)
+                    self._change_theme()
                 case m.Pulse():
                     self.main.show_pulse(message)
             if begins:

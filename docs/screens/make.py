@@ -21,10 +21,6 @@ from PySide6.QtWidgets import QApplication, QWidget
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.widgets import palette
-
-palette.choose("dark")
-# ruff: noqa: E402  (the palette is chosen before the first window's modules)
 from app.window.canvas.linkage_view import DIRECTIONS
 from app.window.widgets import theme
 from app.window.widgets.garbage import Collector

@@ -138,7 +138,7 @@ def test_a_timeout_is_a_cross_above_the_scale_and_goes_into_the_boxes_only_if_as
     plot = page.plots[0]
     (cross,) = plot.crosses.points()
     assert plot.chart.highest < cross.pos().y() < plot.item.viewRange()[1][1] < 10.0
-    assert cross.brush().color().name() == COLOURS.caution.lower() and "1 timed out" in page.summary.text()
+    assert cross.brush().color().name() == theme.shade(COLOURS.caution).name() and "1 timed out" in page.summary.text()
     assert "not in the boxes" in page.legend.text() and "65 mm · time was up" in plot._tip(0.0, 0.0, cross.data())
     plot.item.setYRange(1.0, 2.0, padding=0.0)
     assert 1.0 < plot.crosses.points()[0].pos().y() < 2.0  # it stays above whatever part of the scale is seen
@@ -175,7 +175,8 @@ def test_codes_of_a_blind_session_have_one_colour_and_nothing_is_claimed(qtbot, 
         rows = [replace(row, controller=f"K{row.controller}") for row in rows_of(session_folder(data, who))]
         put_session(data, who, rows)
     page = page_on(qtbot, data)
-    assert {point.pen().color().name() for point in page.plots[0].points.points()} == {COLOURS.quiet.lower()}
+    quiet = theme.shade(COLOURS.quiet).name()
+    assert {point.pen().color().name() for point in page.plots[0].points.points()} == {quiet}
     assert page.plots[0].colour_of("K3") == COLOURS.quiet and "●" not in page.legend.text()
 
 

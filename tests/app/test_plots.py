@@ -176,7 +176,7 @@ def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
         strip.add_ticks(rows)
     points = strip.late.points()
     assert [round(point.pos().x(), 3) for point in points] == [1.0, 2.0]
-    assert [point.brush().color().name() for point in points] == [COLOURS.caution.lower(), COLOURS.bad.lower()]
+    assert [point.brush().color() for point in points] == [theme.shade(COLOURS.caution), theme.shade(COLOURS.bad)]
     strip.clear()
     assert not len(strip.late.points())
 

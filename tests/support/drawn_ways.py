@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from PySide6.QtGui import QColor, QPainter
+from PySide6.QtGui import QPainter
 from scipy.spatial import cKDTree
 
 from app.window.canvas import plane
 from app.window.canvas.plane import Plane
-from app.window.widgets.theme import COLOURS
+from app.window.widgets.theme import COLOURS, shade
 from core import tick_log
 
 APART_PX = 0.2  # between the points of a line that is looked at
@@ -36,7 +36,7 @@ class Pieces(dict[Plane, list[np.ndarray]]):
 
         class Noting(QPainter):
             def drawPolyline(self, line) -> None:
-                if self.pen().color().rgb() == QColor(COLOURS.trace).rgb():
+                if self.pen().color().rgb() == shade(COLOURS.trace).rgb():
                     noted.append(np.array([point.toTuple() for point in line]))
                 super().drawPolyline(line)
 

@@ -133,6 +133,7 @@ class AnalysePage(Page):
         self.side.hide()
         self.folder_button.hide()
         self._show_empty("")
+        theme.follow(self._show)
 
     def _lay_out(self) -> None:
         head = row(self.tabs, self.axis, 1, self.report_button, self.export_button)

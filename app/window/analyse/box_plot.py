@@ -12,7 +12,7 @@ from PySide6.QtGui import QBrush, QPen
 
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine
-from app.window.widgets.plots import Plot
+from app.window.widgets.plots import Plot, line
 from app.window.widgets.theme import COLOURS, colour_at, shade
 from app.window.widgets.words import SHORT
 from experiments.analysis.charts import Chart, Point
@@ -46,7 +46,7 @@ class ChartPlot(Plot):
         self._ringed: tuple[str, int] | None = None  # participant, run
         self.head.setStretch(0, 4)
         self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
-        self.ring = pg.ScatterPlotItem(size=RING_PX, pen=pg.mkPen(COLOURS.handle, width=2), brush=None)
+        self.ring = pg.ScatterPlotItem(size=RING_PX, brush=None)
         for marks in (self.points, self.crosses):
             marks.sigClicked.connect(self._clicked)
         self.item.vb.sigYRangeChanged.connect(self._place_crosses)
@@ -66,7 +66,7 @@ class ChartPlot(Plot):
             self._add_boxes()
         if chart.curve:
             x, y = np.array(chart.curve).T
-            self.item.addItem(pg.PlotCurveItem(x, self._scaled(y), pen=pg.mkPen(COLOURS.handle, width=1)))
+            self.item.addItem(pg.PlotCurveItem(x, self._scaled(y), pen=line(COLOURS.handle)))
         self.points.setData([self._spot(point) for point in (*chart.points, *chart.others) if self._fits(point)])
         for marks in (self.points, self.crosses, self.ring):
             self.item.addItem(marks)
@@ -111,7 +111,7 @@ class ChartPlot(Plot):
         self._ringed = trial
         marks = (*self.points.points(), *self.crosses.points())
         found = [m for m in marks if (row := m.data().row) is not None and (row.participant, row.run) == trial]
-        self.ring.setData([{"pos": mark.pos(), "data": None} for mark in found])
+        self.ring.setData([{"pos": mark.pos(), "data": None, "pen": line(COLOURS.handle, 2)} for mark in found])
 
     def colour_of(self, controller: int | str) -> str:
         """The controller's own colour; a code of a blind session has none."""
@@ -136,16 +136,16 @@ class ChartPlot(Plot):
         colour = self.colour_of(point.controller) if counts else COLOURS.quiet
         return {
             "pos": (point.x, self._scaled(point.y)), "data": point, "size": POINT_PX,
-            "symbol": symbol_of(point.row) if counts else "+", "pen": pg.mkPen(colour, width=1),
-            "brush": pg.mkBrush(COLOURS.panel if point.look else colour),
+            "symbol": symbol_of(point.row) if counts else "+", "pen": line(colour),
+            "brush": shade(COLOURS.panel if point.look else colour),
         }  # fmt: skip
 
     def _place_crosses(self, *_: object) -> None:
         """They stay above whatever part of the scale is seen."""
         low, high = self.item.viewRange()[1]
-        y, pen = high - 0.4 * BAND * (high - low), pg.mkPen(COLOURS.caution, width=2)
+        y, look = high - 0.4 * BAND * (high - low), {"pen": line(COLOURS.caution, 2), "brush": shade(COLOURS.caution)}
         self.crosses.setData([
-            {"pos": (point.x, y), "data": point, "symbol": "x", "size": CROSS_PX, "pen": pen, "brush": COLOURS.caution}
+            {"pos": (point.x, y), "data": point, "symbol": "x", "size": CROSS_PX, **look}
             for point in self.chart.timeouts
         ])  # fmt: skip
         if self._ringed is not None:
@@ -156,7 +156,7 @@ class ChartPlot(Plot):
         boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self._logarithmic]
         ends = [self._scaled(np.array([b.box.low, b.box.q1, b.box.median, b.box.q3, b.box.high])) for b in boxes]
         fill = [body_brush(b.look, self.colour_of(b.controller)) for b in boxes]
-        pens = [pg.mkPen(self.colour_of(b.controller), width=1) for b in boxes]
+        pens = [line(self.colour_of(b.controller)) for b in boxes]
         self.item.addItem(pg.BarGraphItem(
             x0=[b.x - b.half for b in boxes], x1=[b.x + b.half for b in boxes],
             y0=[y[1] for y in ends], y1=[y[3] for y in ends], pens=pens, brushes=fill,
@@ -165,9 +165,9 @@ class ChartPlot(Plot):
             own_boxes = [(b, y) for b, y in zip(boxes, ends, strict=True) if b.controller == controller]
             x = [2 * [b.x, b.x, b.x - 0.5 * b.half, b.x + 0.5 * b.half] for b, _ in own_boxes]
             y = [[q1, low, low, low, q3, high, high, high] for _, (low, q1, _, q3, high) in own_boxes]
-            self._add_pairs(x, y, pg.mkPen(self.colour_of(controller), width=1))
+            self._add_pairs(x, y, line(self.colour_of(controller)))
         middles = [2 * [y[2]] for y in ends]
-        self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, pg.mkPen(COLOURS.handle, width=2))
+        self._add_pairs([[b.x - b.half, b.x + b.half] for b in boxes], middles, line(COLOURS.handle, 2))
 
     def _add_pairs(self, x: list, y: list, pen: QPen) -> None:
         """Lines, each between two points that follow each other."""

@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine
-from app.window.widgets.plots import Plot
+from app.window.widgets.plots import Plot, line
 from app.window.widgets.theme import COLOURS, colour_at
 from experiments.analysis.charts import View
 from experiments.analysis.error_against_force import (
@@ -55,16 +55,16 @@ class ForcePlot(Plot):
         for first, second in joined(self.marks):
             colour = colour_at(view.colours.get(first.controller))
             ends = zip(*((m.force.median, math.log2(m.error.median)) for m in (first, second)), strict=True)
-            self.item.plot(*map(list, ends), pen=pg.mkPen(colour, width=1, style=Qt.PenStyle.DotLine))
+            self.item.plot(*map(list, ends), pen=line(colour, style=Qt.PenStyle.DotLine))
         for mark, colour in zip(self.marks, colours, strict=True):
             x, y = self._quartiles(mark)
-            self.item.addItem(pg.PlotCurveItem(x, y, pen=pg.mkPen(colour, width=1), connect="pairs"))
+            self.item.addItem(pg.PlotCurveItem(x, y, pen=line(colour), connect="pairs"))
         self.circles.setData([
             {
                 "pos": (mark.force.median, math.log2(mark.error.median)),
                 "data": f"{view.name(mark.controller)}, {mark.text}",
-                "size": CIRCLE_PX * diameter(mark.smoothness, self._largest), "pen": pg.mkPen(colour, width=2),
-                "brush": pg.mkBrush(COLOURS.panel if mark.look else colour),
+                "size": CIRCLE_PX * diameter(mark.smoothness, self._largest), "pen": line(colour, 2),
+                "brush": theme.shade(COLOURS.panel if mark.look else colour),
             }
             for mark, colour in zip(self.marks, colours, strict=True)
         ])  # fmt: skip

@@ -6,12 +6,11 @@ import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.GraphicsScene.mouseEvents import MouseClickEvent
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
 from app.window.widgets import theme
 from app.window.widgets.parts import column
-from app.window.widgets.plots import HIDDEN, TimePlot, currents_of, start_of_hold
+from app.window.widgets.plots import HIDDEN, TimePlot, currents_of, line, start_of_hold
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.mechanism import JOINTS
@@ -29,15 +28,18 @@ class TrialTrace(TimePlot):
     asked = Signal(float)  # s
     padding = 0.12
 
-    def __init__(self, title: str, unit: str, colours: Sequence[str | QColor], least: float, digits: int) -> None:
+    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         super().__init__(title, unit, colours, least, digits)
-        self.beside = self.add_curve(pg.mkPen(BESIDE, width=1))
-        self.marker = pg.InfiniteLine(
-            movable=True, pen=pg.mkPen(COLOURS.handle, width=1), hoverPen=pg.mkPen(COLOURS.accent, width=1)
-        )
+        self.beside = self.add_curve(BESIDE)
+        self.marker = pg.InfiniteLine(movable=True, pen=line(COLOURS.handle), hoverPen=line(COLOURS.accent))
         self.marker.sigDragged.connect(lambda line: self.asked.emit(float(line.value())))
         self.item.addItem(self.marker, ignoreBounds=True)
         self.graph.scene().sigMouseClicked.connect(self._clicked)
+
+    def colour(self) -> None:
+        super().colour()
+        self.marker.setPen(line(COLOURS.handle))
+        self.marker.setHoverPen(line(COLOURS.accent))
 
     def show_trial(self, t: np.ndarray, values: np.ndarray) -> None:
         """Times (n,) s and values (curves, n) in the unit, NaN where there is none."""
@@ -67,14 +69,14 @@ class TrialTrace(TimePlot):
 class CurrentTrace(TrialTrace):
     """The current of each brake: its mean as a line, over a faint band from its lowest to its highest tick."""
 
+    alpha = BAND
     figures_px = theme.SMALL  # whatever they are: else their size would change while the trial plays
 
     def __init__(self) -> None:
-        bands = [theme.shade(theme.JOINT[joint], BAND) for joint in JOINTS]
-        super().__init__("Currents", "A", bands, 1.0, 2)
+        super().__init__("Currents", "A", [theme.JOINT[joint] for joint in JOINTS], 1.0, 2)
         self.rows.insertWidget(1, self.figures)  # of four brakes: they need the whole width
         self.graph.setMinimumHeight(58)  # with the axis of time
-        self.means = [self.add_curve(pg.mkPen(theme.JOINT[joint], width=1), per_px=0.5) for joint in JOINTS]
+        self.means = [self.add_curve(theme.JOINT[joint], per_px=0.5) for joint in JOINTS]
         for mean in self.means:
             mean.setDownsampling(method="mean")  # now that it is added: a plot gives what is added its own method
 

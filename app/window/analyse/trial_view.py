@@ -20,7 +20,7 @@ from app.window.analyse.trial_traces import BESIDE, TrialTraces
 from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
-from app.window.widgets import theme
+from app.window.widgets import memory, palette, theme
 from app.window.widgets.cards import Cards
 from app.window.widgets.garbage import Collector
 from app.window.widgets.own_code import ask_own_code
@@ -75,6 +75,7 @@ class TrialView(Panel):
         super().__init__()
         self.trial: Playback | None = None
         self._values: Values = {}  # the trial's measures
+        self._other: Comparison | None = None  # its hand through another controller
         self.tick = 0  # the tick that is shown
         self._whole, self.played_s, self._clock_s, self._numbers = whole, 0.0, 0.0, RefreshClock()
         self._timer = QTimer(self)
@@ -117,6 +118,7 @@ class TrialView(Panel):
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._lay_out()
         self._show_playing()
+        theme.follow(self._show_measures)
 
     def _lay_out(self) -> None:
         self._middle = column((self.workspace, 3), (self.traces, 4))
@@ -153,7 +155,7 @@ class TrialView(Panel):
             return
         self.trial = trial
         row = trial.row
-        self.dot.setStyleSheet(f"color: {colour_at(trial.colour)}")
+        theme.set_style(self.dot, colour_at(trial.colour))
         self.title.setText(f"P{trial.title[1:]}")
         status = (
             f"{row.status if row is not None else 'in no table'}{' · damaged: some ticks are missing' * trial.damaged}"
@@ -179,7 +181,7 @@ class TrialView(Panel):
 
     def show_row(self, row: TrialRow, name: str, colour: str) -> None:
         """A trial is being read, or has no recording: row, name and colour of its controller are all there is."""
-        self.dot.setStyleSheet(f"color: {colour}")
+        theme.set_style(self.dot, colour)
         self.title.setText(f"Participant {row.participant}, {name}")
         self.exclude.hide()
         if not row.recording:
@@ -303,17 +305,22 @@ class TrialView(Panel):
         if isinstance(other, InputError):
             self.note_that(str(other), bad=True)
             return
+        self._other = other
         self.traces.show_beside(other)
+        self._show_measures()
         tips = np.empty((0, 2))
-        if other is None:
-            self.measures.setText(measures_table(self._values))
-        else:
-            self.measures.setText(measures_table(other.recorded or self._values, other.metrics))
+        if other is not None:
             far = " What was recorded is measured as far as both went." if other.recorded else ""
             ended = f"It ended as {other.status}. " if other.status != "done" else ""
             self.note_that(f"{ended}{other.text}{far}")
             tips = other.ticks[:, (tick_log.TIP_X, tick_log.TIP_Y)]
         self.workspace.view.show_beside(tips, BESIDE)
+
+    def _show_measures(self) -> None:
+        if self.trial is not None:
+            recorded = self._other.recorded if self._other is not None else None
+            beside = self._other.metrics if self._other is not None else None
+            self.measures.setText(measures_table(recorded or self._values, beside))
 
     # keys and the end
 
@@ -367,6 +374,8 @@ def run(path: Path) -> int:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
     application = QApplication(sys.argv[:1])
     Collector(application)
+    memory.begin()
+    palette.choose(memory.remembered(memory.DARK_OR_LIGHT))
     theme.apply_theme(application)
     window = TrialWindow(path)
     show_fitted(window, *LARGEST)

@@ -24,6 +24,7 @@ from app.ipc.ring import GRASP_RADIUS_M
 from app.window.canvas import path_marks
 from app.window.canvas.layers import SPACING_M, Point
 from app.window.canvas.path_marks import AT_DESK, Sizes, polygon
+from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS, pen, shade
 from core.obstacles import ObstacleFile
 from core.path import PathFile, Segment, outline
@@ -92,6 +93,7 @@ class Plane(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(240, 200)
+        theme.follow(self.repaint_still)
 
     # what to show
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QRectF, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QPainter, QTextCursor, QTextFormat
+from PySide6.QtGui import QPainter, QTextCursor, QTextFormat
 from PySide6.QtWidgets import QFileDialog, QMenu, QPushButton, QTextEdit
 
 from app.window.canvas.grid import beside_names, paint_grid
@@ -115,6 +115,7 @@ class ProtocolEditor(Panel):
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(lambda: self._reader.ask(preview, self.text.toPlainText(), self._folder))
         self.text.textChanged.connect(self._timer.start)
+        theme.follow(self._mark)
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -186,19 +187,24 @@ class ProtocolEditor(Panel):
 
     def _show_problem(self, problem: str) -> None:
         """The reader's sentence, and the line that it is about."""
-        at = line_of(problem, self.text.toPlainText())
-        self.problem, mark = problem, QTextEdit.ExtraSelection()
+        self.problem = problem
+        at = self._mark()
         self.sentence.setText(breakable(f"Line {at + 1}: {as_sentence(in_words(problem))}") if problem else HINT)
         theme.set_style(self.sentence, "bad" if problem else "quiet")
-        mark.cursor = QTextCursor(self.text.document().findBlockByNumber(at))  # type: ignore[attr-defined]
-        mark.format.setBackground(QColor(COLOURS.bad_ground))  # type: ignore[attr-defined]
-        mark.format.setProperty(QTextFormat.Property.FullWidthSelection, True)  # type: ignore[attr-defined]
-        self.text.setExtraSelections([mark] if problem else [])
         if problem:
             self.summary.setText("")
             self.plan.setPlainText("")
             self.plan.setPlaceholderText(f"No plan while line {at + 1} is wrong")
         self.save.setEnabled(not problem)
+
+    def _mark(self) -> int:
+        """Mark the line that the problem is about; its number, from 0."""
+        at, mark = line_of(self.problem, self.text.toPlainText()), QTextEdit.ExtraSelection()
+        mark.cursor = QTextCursor(self.text.document().findBlockByNumber(at))  # type: ignore[attr-defined]
+        mark.format.setBackground(theme.shade(COLOURS.bad_ground))  # type: ignore[attr-defined]
+        mark.format.setProperty(QTextFormat.Property.FullWidthSelection, True)  # type: ignore[attr-defined]
+        self.text.setExtraSelections([mark] if self.problem else [])
+        return at
 
     def save_now(self) -> None:
         """Ctrl+S: into the file that was opened; a dialog asks where a copy of a shipped protocol goes."""

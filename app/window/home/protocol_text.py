@@ -21,6 +21,7 @@ class ProtocolText(QPlainTextEdit):
         self.setTabChangesFocus(True)
         self.setFont(theme.mono())
         self._look, self._numbers = _Look(self.document()), _Numbers(self)
+        theme.follow(self._look.rehighlight)
         self.blockCountChanged.connect(self._make_room)
         self.updateRequest.connect(self._follow)
         self._make_room()

@@ -14,7 +14,7 @@ from app.window.run.actions import Actions
 from app.window.run.commands import MAIN_PX, key_button
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine, column, row, text_label, wrapped_label
-from app.window.widgets.plots import Graph, range_for
+from app.window.widgets.plots import Graph, line, range_for
 from app.window.widgets.theme import COLOURS, colour_of
 from app.window.widgets.words import in_colour, measured
 from experiments.analysis.metrics import DRAWN, Metric
@@ -50,7 +50,7 @@ class Measure(QWidget):
         name, scale = self._metric.name, self._metric.scale
         value = now.value(name)
         self.value.setText(measured(None if value is None else scale * value))
-        ring = pg.mkPen(COLOURS.text, width=2)
+        ring = line(COLOURS.text, 2)
         groups = (
             (others, 7, theme.shade(COLOURS.brake_off), None), (earlier, 9, theme.shade(colour, EARLIER_ALPHA), None),
             ([now], 13, theme.shade(colour), ring),
@@ -72,6 +72,8 @@ class TrialCard(QWidget):
         super().__init__()
         self.setObjectName("clear")
         self.row: TrialRow | None = None
+        self._shown: tuple | None = None  # what `show_row` was given last
+        theme.follow(self._colour)
         self._since_s = 0.0
         self.own = wrapped_label("", "quiet", theme.SMALL)
         self.legend = wrapped_label("", "quiet", theme.SMALL)
@@ -98,7 +100,7 @@ class TrialCard(QWidget):
         """The newest trial, among the rows of its session; ticks (n, tick_log.WIDTH) of it, if they are known."""
         if self.row is None or row.run != self.row.run:
             self._since_s = time.perf_counter()
-        self.row = row
+        self.row, self._shown = row, (row, rows, ticks, opened, snapshot)
         colour = COLOURS.quiet if snapshot.blind else colour_of(row.controller, opened.protocol.controllers)
         counted = [other for other in rows if other.status in COUNTED and other.run != row.run]
         here = [other for other in counted if other.configuration == row.configuration]
@@ -115,6 +117,10 @@ class TrialCard(QWidget):
         theme.set_style(self.flags, "caution" if flags else "quiet")
         self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
         self._make_room()
+
+    def _colour(self) -> None:
+        if self._shown is not None:
+            self.show_row(*self._shown)
 
     def _make_room(self) -> None:
         """Hide what a low window has no room for: the legend first, then the last measures."""

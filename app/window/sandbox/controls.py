@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QFrame, QPushButton, QScrollArea, QSizePolicy, QWidget
+from PySide6.QtWidgets import QPushButton, QScrollArea, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.sandbox.dials import DIALS, DialRow, dials_of
@@ -17,6 +17,7 @@ from app.window.widgets.parts import (
     NO_FOCUS,
     PART,
     OneLine,
+    Panel,
     Part,
     Segments,
     button,
@@ -63,9 +64,8 @@ class GuideButton(QPushButton):
     def __init__(self, name: str, colour: str, key: str) -> None:
         super().__init__(objectName="key", checkable=True, accessibleName=name, focusPolicy=NO_FOCUS)
         self.setMinimumHeight(GUIDE_PX)
-        self.key, bar, title = key, QFrame(), OneLine(name, "", theme.NORMAL, bold=True)
+        self.key, bar, title = key, Panel(colour), OneLine(name, "", theme.NORMAL, bold=True)
         bar.setFixedWidth(6)
-        bar.setStyleSheet(f"background: {colour}")
         self.feel = OneLine("", "quiet", theme.SMALL)
         words = (column(1, title, self.feel, 1, spacing=0), 1)
         self.setLayout(row(bar, words, text_label(key, "quiet"), margins=(1, 1, 12, 1)))

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from PySide6.QtCore import QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QResizeEvent
+from PySide6.QtGui import QPainter, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QHeaderView, QTableWidget, QTableWidgetItem
 
 from app.ipc import messages as m
@@ -80,6 +80,7 @@ class PassTable(QTableWidget):
 
     def __init__(self) -> None:
         super().__init__(0, len(FIXED))
+        self._shown: tuple[Sequence[m.Pass], Protocol] | None = None
         self._name_px = 0.0  # wide, the longest name of a controller
         self.head = TwoLineHead(self)
         self.setHorizontalHeader(self.head)
@@ -93,6 +94,11 @@ class PassTable(QTableWidget):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setMinimumHeight(HEAD_PX + ROWS * ROW_PX)
         self.setFont(theme.font(theme.NORMAL))
+        theme.follow(self._colour)
+
+    def _colour(self) -> None:
+        if self._shown is not None:
+            self.show_passes(*self._shown)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
@@ -115,6 +121,7 @@ class PassTable(QTableWidget):
 
     def show_passes(self, passes: Sequence[m.Pass], protocol: Protocol) -> None:
         """Show these passes, the newest last."""
+        self._shown = passes, protocol
         tried = dict.fromkeys(ended.settings.device for ended in passes)
         names = tuple(device.name for device in protocol.devices)
         devices = names if len(names) <= 2 else tuple(name for name in names if name in tried) or names[:1]
@@ -138,11 +145,11 @@ class PassTable(QTableWidget):
                 if across >= len(FIXED) - 1:
                     item.setTextAlignment(RIGHT)
                 if across == 0:
-                    item.setForeground(QColor(theme.colour_of(row.controller, protocol.controllers)))
+                    item.setForeground(theme.shade(theme.colour_of(row.controller, protocol.controllers)))
                 elif across in (2, 3) or ended is None:
-                    item.setForeground(QColor(COLOURS.quiet))
+                    item.setForeground(theme.shade(COLOURS.quiet))
                 if down == 0:  # the newest pass
-                    item.setBackground(QColor(COLOURS.field))
+                    item.setBackground(theme.shade(COLOURS.field))
                 self.setItem(down, across, item)
         self._fit()
 

@@ -1,4 +1,4 @@
-"""The colours, dark and light, of the same meaning; chosen once, before the first window's modules are imported."""
+"""The colours, dark and light, of the same meaning. A window knows a colour by its role: what it is for."""
 
 from typing import NamedTuple
 
@@ -67,10 +67,22 @@ LIGHT = Palette(
     joints=ON_LIGHT.joints, controllers=ON_LIGHT,
 )  # fmt: skip
 PALETTES = {"dark": DARK, "light": LIGHT}
-chosen = DARK
+#: in place of each colour its role
+ROLES: Palette = Palette._make(
+    role if isinstance(colour, str) else tuple(f"{role}-{place}" for place in range(len(colour)))
+    for role, colour in DARK._asdict().items()
+)
+chosen = DARK  # of this process
 
 
 def choose(name: str) -> None:
-    """The palette of this process, by its name; without effect once `theme` has been imported."""
+    """The palette of this process, by its name."""
     global chosen
     chosen = PALETTES.get(name, DARK)
+
+
+def colour_for(role: str) -> str:
+    """The colour of a role in the chosen palette; a colour stays as it is."""
+    name, _, place = role.partition("-")
+    found = getattr(chosen, name, role)
+    return found[int(place)] if place else found

@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
-from PySide6.QtGui import QColor, QMouseEvent, QPen
+from PySide6.QtGui import QMouseEvent, QPen
 from PySide6.QtWidgets import QFrame, QLabel
 
 from app.ipc.messages import Timing
@@ -51,17 +51,20 @@ def start_of_hold(ticks: np.ndarray) -> int:
 pg.setConfigOptions(mouseRateLimit=0)  # else the last place of a fast pointer is skipped, and what is there not read
 
 
+def line(colour: str, width: int = 1, alpha: float = 1.0, style: Qt.PenStyle = Qt.PenStyle.SolidLine) -> QPen:
+    """A pen of a plot, which is as wide wherever it is zoomed to."""
+    return pg.mkPen(theme.shade(colour, alpha), width=width, style=style)
+
+
 class Graph(pg.PlotWidget):
     """A plot in the colours and the typeface of the screens."""
 
     def __init__(self) -> None:
-        super().__init__(background=COLOURS.panel, enableMenu=False)
+        super().__init__(enableMenu=False)
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.hideButtons()
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         for axis in self._axes():
-            axis.setPen(COLOURS.line)
-            axis.setTextPen(COLOURS.quiet)
             axis.setStyle(tickLength=-3, hideOverlappingLabels=False)
             axis.enableAutoSIPrefix(False)
             axis.setStyle(tickFont=theme.font(theme.SMALL))
@@ -70,6 +73,14 @@ class Graph(pg.PlotWidget):
         half = theme.SMALL / 2  # of the words at the ends of the axes, which are not to be cut
         self.getPlotItem().setContentsMargins(0, half, half, half)
         self.setMinimumHeight(LEAST_GRAPH_PX)
+        self._colour()
+        theme.follow(self._colour)
+
+    def _colour(self) -> None:
+        self.setBackground(theme.shade(COLOURS.panel))
+        for axis in self._axes():
+            axis.setPen(theme.shade(COLOURS.line))
+            axis.setTextPen(theme.shade(COLOURS.quiet))
 
     def _axes(self) -> list[pg.AxisItem]:
         return [self.getPlotItem().getAxis(side) for side in ("left", "bottom")]
@@ -110,24 +121,34 @@ class Plot(Panel):
 class TimePlot(Plot):
     """A measure over time, one curve or several, drawn as far as it is seen; 0 is at the bottom."""
 
-    padding = 0.04  # of its height
+    padding, alpha = 0.04, 1.0  # of its height; of the colours of its curves
     hidden = False  # the session is blind: neither curve nor value
 
-    def __init__(self, title: str, unit: str, colours: Sequence[str | QColor], least: float, digits: int) -> None:
+    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
         """least: the end of the scale, at least. digits: of a value, after the point."""
         super().__init__(text_label(title, bold=True))
         self.unit, self.least, self.digits, self.end = unit, least, digits, least
+        self.colours = colours
         self.names: Mapping[str, str] = {}  # of several curves, by joint: each value is shown with its name
         self.t, self.values = np.empty(0), np.empty((len(colours), 0))  # s; in the unit, NaN where there is none
         self.item.setDownsampling(auto=True, mode="peak")  # the lowest and highest tick of each pixel: no spike is lost
         self.item.setClipToView(True)
-        self.curves = [self.add_curve(pg.mkPen(colour, width=1)) for colour in colours]
+        self._coloured: list[tuple[pg.PlotDataItem, str, float]] = []  # curve, colour, alpha
+        self.curves = [self.add_curve(colour, alpha=self.alpha) for colour in colours]
+        theme.follow(self.colour)
         self.item.setMouseEnabled(x=True, y=False)
         self.item.getAxis("bottom").tickStrings = lambda values, scale, spacing: [f"{value:g} s" for value in values]
 
-    def add_curve(self, pen: QPen, per_px: float = 1.0) -> pg.PlotDataItem:
+    def add_curve(self, colour: str, per_px: float = 1.0, alpha: float = 1.0) -> pg.PlotDataItem:
         """A curve of so many pieces a pixel, interrupted where there is no value."""
-        return self.item.plot(pen=pen, connect="finite", autoDownsampleFactor=per_px)
+        curve = self.item.plot(pen=line(colour, alpha=alpha), connect="finite", autoDownsampleFactor=per_px)
+        self._coloured.append((curve, colour, alpha))
+        return curve
+
+    def colour(self) -> None:
+        """The palette has changed."""
+        for curve, colour, alpha in self._coloured:
+            curve.setPen(line(colour, alpha=alpha))
 
     def show_device(self, device: Device) -> None:
         """Of currents: a curve for each joint of the device that has a brake, in its unit."""
@@ -215,10 +236,6 @@ class LivePlot(TimePlot):
 class Trace(LivePlot):
     """A live measure with its newest value beside the title; its scale grows with what comes."""
 
-    def __init__(self, title: str, unit: str, colours: Sequence[str], least: float, digits: int) -> None:
-        self._colours = colours
-        super().__init__(title, unit, colours, least, digits)
-
     def add(self, t: np.ndarray, values: np.ndarray) -> None:
         highest = float(np.fmax.reduce(values, axis=None, initial=0.0))
         if highest > self.end:
@@ -249,7 +266,7 @@ class Trace(LivePlot):
             return
         named = [
             (f"{self.names[name]} {self.figure(value)}", theme.as_text(colour))
-            for name, value, colour in zip(JOINTS, values, self._colours, strict=True) if name in self.names
+            for name, value, colour in zip(JOINTS, values, self.colours, strict=True) if name in self.names
         ]  # fmt: skip
         self.figures.show_parts(*named)
 
@@ -285,8 +302,13 @@ class TimingStrip(LivePlot):
         late = lateness >= self.LATE_US
         if late.any():
             colours = [COLOURS.bad if us >= tick_log.MISSED_US else COLOURS.caution for us in lateness[late]]
-            self.late.addPoints(x=t[late], y=share[late], brush=[pg.mkBrush(colour) for colour in colours])
+            brushes = [theme.shade(colour) for colour in colours]
+            self.late.addPoints(x=t[late], y=share[late], data=colours, brush=brushes)
         self.add(t, share[None])
+
+    def colour(self) -> None:
+        super().colour()
+        self.late.setBrush([theme.shade(point.data()) for point in self.late.points()])
 
     def clear(self) -> None:
         self.late.clear()

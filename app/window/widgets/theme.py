@@ -1,12 +1,12 @@
 """The look of every screen: palette, typeface, sizes."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetricsF, QPainter, QPen, QStaticText, QTransform
 from PySide6.QtWidgets import QApplication, QWidget
 
@@ -15,7 +15,7 @@ from app.window.widgets.sheet import SHEET
 from core.control.controllers import Preset
 from experiments.analysis.colours import colour_places
 
-COLOURS = palette.chosen
+COLOURS = palette.ROLES
 JOINT = dict(zip("AEBC", COLOURS.joints, strict=True))
 STATUS = {
     "done": COLOURS.good, "timeout": COLOURS.caution, "aborted": COLOURS.bad, "redone": COLOURS.quiet,
@@ -46,28 +46,29 @@ def mono() -> QFont:
 
 
 @cache
-def shade(name: str, alpha: float = 1.0) -> QColor:
+def shade(role: str, alpha: float = 1.0) -> QColor:
     """A colour of the palette, more or less transparent."""
-    chosen = QColor(name)
+    colour = role.removesuffix(LETTERS)
+    chosen = QColor(palette.colour_for(colour)) if colour == role else mixed(colour, COLOURS.text, OF_TEXT)
     chosen.setAlphaF(alpha)
     return chosen
+
+
+OF_TEXT = 0.3  # share of the colour of text in that of letters
+LETTERS = " of letters"
 
 
 @cache
 def mixed(a: str, b: str, share: float) -> QColor:
     """A colour between two of the palette."""
-    p, q = QColor(a), QColor(b)
+    p, q = shade(a), shade(b)
     parts = ((p.redF(), q.redF()), (p.greenF(), q.greenF()), (p.blueF(), q.blueF()))
     return QColor.fromRgbF(*((1.0 - share) * x + share * y for x, y in parts))
 
 
-OF_TEXT = 0.3  # share of the colour of text in that of letters
-
-
-@cache
 def as_text(colour: str) -> str:
     """The colour of a curve, nearer to that of text: letters are thin and need more contrast."""
-    return mixed(colour, COLOURS.text, OF_TEXT).name()
+    return f"{colour}{LETTERS}"
 
 
 def set_style(widget: QWidget, name: str) -> None:
@@ -89,7 +90,33 @@ def apply_theme(application: QApplication) -> None:
         QFontDatabase.addApplicationFont(str(folder / name))
     application.setStyle("Fusion")
     application.setFont(font())
-    application.setStyleSheet(SHEET.substitute(COLOURS._asdict(), radius=RADIUS))
+    colour_all()
+
+
+def colour_all() -> None:
+    """Give every window the colours of the chosen palette, at once."""
+    application = QApplication.instance()
+    assert isinstance(application, QApplication)
+    for kept in (shade, mixed, pen):
+        kept.cache_clear()
+    rules = (
+        f"QFrame#{role} {{ background: {colour}; }} QLabel#{role} {{ background: transparent; color: {colour}; }}"
+        for role, colour in zip(COLOURS.controllers, palette.chosen.controllers, strict=True)
+    )
+    application.setStyleSheet(SHEET.substitute(palette.chosen._asdict(), radius=RADIUS) + "\n".join(rules))
+    _look.changed.emit()
+
+
+class _Look(QObject):
+    changed = Signal()
+
+
+_look = _Look()
+
+
+def follow(colour: Callable[[], object]) -> None:
+    """Call this method of a widget whenever the palette has changed: it keeps colours beyond the next painting."""
+    _look.changed.connect(colour)
 
 
 @cache

@@ -9,7 +9,8 @@ from typing import NamedTuple
 from PySide6.QtCore import QLocale
 
 from app.ipc import messages as m
-from app.window.widgets.theme import COLOURS
+from app.window.widgets import palette
+from app.window.widgets.theme import shade
 from core import tick_log
 from core.control.controllers import Preset
 from experiments.analysis.trials_table import TrialRow
@@ -99,7 +100,7 @@ def moving(phase: int, taken: bool, language: Language, left_early: bool = False
         small = "take" if seen else "stopped_how"
     elif left_early:
         small = "hold_again"
-    return Shown(language[large], language[small].format(handle=language[COLOURS.handle_name]))
+    return Shown(language[large], language[small].format(handle=language[palette.chosen.handle_name]))
 
 
 def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Shown:
@@ -208,7 +209,7 @@ def measured(value: float | None) -> str:
 
 def in_colour(text: str, colour: str) -> str:
     """A text as HTML; no line ends within a unit such as m/s."""
-    return f'<span style="color: {colour}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
+    return f'<span style="color: {shade(colour).name()}">{escape(text)}</span>'.replace("m/s", "m/\u2060s")
 
 
 def size(count: int) -> str:
