@@ -12,14 +12,12 @@ from sessions import session_of
 from status_messages import LOST, ON_BENCH, WELL
 
 from app.ipc import messages as m
-from app.window.canvas.force_view import HAND
 from app.window.canvas.layers import OFF
 from app.window.run.plan_bar import MARKS
 from app.window.run.run_page import ENDED, UNMEASURED, RunPage
 from app.window.run.session_cards import ABORT, REDO
 from app.window.widgets import theme, words
 from app.window.widgets.page import HOME, RUN
-from app.window.widgets.plots import NOTHING
 from core import tick_log
 from experiments.analysis.trials_table import STATUSES
 from experiments.language import ENGLISH_WORDS, FOLDER, language_text
@@ -367,7 +365,6 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
     for begin in range(0, len(rows), 16):
         screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
         screens.windows.frame()
-        assert live.force.figures.text().split()[0] in (NOTHING, view.force_texts[HAND].split()[0])
         for joint, doing in view.doing.items():
             current = strip.currents.figures.text().split(joint + " ")[1].split()[0]
             assert (doing.state == OFF) == (current in ("0.00", "–"))
@@ -390,10 +387,10 @@ def test_another_device_has_no_numbers_of_the_trial_before_and_after_a_break_the
     screens.hear(opened(), runs(29))
     screens.tick(movement(PLAN[29].segment, "AEB", 1.3))
     view = screens.run.workspace.view
-    assert "N" in view.force_texts["hand"]
+    assert any(doing.torque for doing in view.doing.values())
     screens.hear(ready(30, stage=m.RERIG))
     assert PLAN[29].configuration != PLAN[30].configuration == view.instant.device.name
-    assert view.title == "" and set(view.force_texts.values()) == {"–"}
+    assert view.title == "" and not any(doing.torque for doing in view.doing.values())
     screens.hear(ready(22, stage=m.BREAK, card=LONG_BREAK))
     theirs = screens.participant.view
     assert theirs.path is None and theirs.tip is None

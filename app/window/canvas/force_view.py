@@ -49,7 +49,7 @@ def way_of(rows: np.ndarray) -> np.ndarray:
 
 class ForceView(Plane):
     """One device on one path, and in a corner the whole linkage with all of its brakes. A subclass adds what else it
-    shows of `instant`, and where its read-outs stand."""
+    shows of `instant`."""
 
     def __init__(self, extent: QRectF, keep_free: QMarginsF, sizes: Sizes, follows_mouse: bool = False) -> None:
         super().__init__(extent, sizes, keep_free, follows_mouse)
@@ -58,7 +58,6 @@ class ForceView(Plane):
         self.shown = {TRAIL, FORCES}
         self.blind = False
         self.doing: dict[str, Doing] = {}  # joint -> what its brake does
-        self.force_texts: dict[str, str] = {}  # HAND, BRAKES -> how large its force is
         self._unread = np.empty((0, tick_log.WIDTH))  # ticks since the text was made
         self.inset = SmallView(INSET_SIZES)
         self.inset.setParent(self)
@@ -91,7 +90,7 @@ class ForceView(Plane):
     def add(self, rows: np.ndarray, taken: bool | None = None, read_from: int = 0) -> None:
         """The next ticks (n, WIDTH) of the running trial, n > 0: all are on its way, and the newest is drawn.
 
-        taken: as in `show_handle`. read_from: the read-outs are of these rows from that one on.
+        taken: as in `show_handle`. read_from: what the brakes do is told of these rows from that one on.
         """
         if self.instant is None:
             return
@@ -152,15 +151,13 @@ class ForceView(Plane):
             self.repaint_still()
 
     def refresh_text(self) -> None:
-        """Bring the read-outs up to date; a few times a second, for they must be read."""
+        """Bring what the brakes do up to date; a few times a second, for it must be read."""
         if (now := self.instant) is None:
             return
         if not now.running:  # nobody measures
-            self.doing, self.force_texts = dict.fromkeys(now.device.braked, Doing()), dict.fromkeys(FORCE_COLOUR, "–")
+            self.doing = dict.fromkeys(now.device.braked, Doing())
         elif len(self._unread):
             self.doing, self._unread = doing(now.device, self._unread), self._unread[:0]
-            forces = zip(FORCE_COLOUR, (now.hand, now.brakes), strict=True)
-            self.force_texts = {name: f"{math.hypot(*force):.1f} N" for name, force in forces}
         self._show_inset()
         self.repaint_moving()
 

@@ -1,14 +1,13 @@
-"""The linkage on the plane: arms, brakes in the colour of what they do, forces with their values, layers on demand."""
+"""The linkage on the plane: arms, brakes in the colour of what they do, forces, layers on demand."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QPainter
 
 from app.window.canvas import layers, marks
-from app.window.canvas.force_view import FORCE_COLOUR, FORCES, INSET, LINKAGE, TRAIL, ForceView, Layered
+from app.window.canvas.force_view import FORCES, INSET, LINKAGE, TRAIL, ForceView, Layered
 from app.window.canvas.path_marks import AT_DESK
 from app.window.canvas.small_view import ARM_PX
 from app.window.widgets import theme
@@ -18,17 +17,11 @@ from core.device import Device
 from core.path import Path, PathFile, build_path
 
 FIELD, DIRECTIONS, REACHABLE = "desired directions", "directions of the brakes", "forces of the brakes"
-VALUES = "values"
-WHOLE = "whole device"  # not a layer, but what is seen: the whole device, or the paths
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-#: The read-outs: from the top, from line to line, and from one to the next.
-READOUT_TOP_PX, READOUT_STEP_PX, READOUT_PX = 36.0, 16.0, 130
-MOST_BRAKES = 4  # of a device: their read-outs have room on one line, or on two
-FOOT_PX, EDGE_PX = 30.0, 20.0  # high, of the line below; clear at the sides
+TOP_PX = 36.0  # high, the line above
+FOOT_PX, EDGE_PX = 30.0, 20.0  # high, the line below; clear at the sides
 SCALE_M, SCALE_NAME = 0.05, "5 cm"  # of the bar that shows the scale
-WIDEST_READOUT = "A slips 88.8 N m "
-READOUT_HEADS = ("Force", "Brakes", "")  # of the lines
 LEGEND_PX, SAMPLE_PX, BESIDE_RING_PX = 20.0, 18.0, 6.0  # high, a line of the legend; wide, its sample; a word's gap
 #: layer -> what its marks mean
 LEGENDS = {
@@ -41,22 +34,14 @@ SAMPLE_WEDGE = layers.Wedge(-0.5, 0.5, (-0.5, 0.5))
 LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 
 
-class Readout(NamedTuple):
-    """A number that stands in a fixed place."""
-
-    name: str
-    text: str
-    colour: str
-
-
 class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
     def __init__(self, worded: bool = True) -> None:
-        """worded: with the line above, a scale, read-outs and a legend; a small view has no room."""
+        """worded: with the line above, a scale and a legend; a small view has no room."""
         half_ring = QMarginsF(15.0, 8.0, 15.0, 15.0)
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), half_ring, AT_DESK)
-        self._extents = 2 * (self._extent,)  # of the paths, of the whole devices
+        words = QMarginsF(EDGE_PX, TOP_PX, EDGE_PX, FOOT_PX)
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), words if worded else half_ring, AT_DESK)
         self._assumed = False  # some parameters of the device
         self._worded_view = worded
         self._path: Path | None = None  # of the trial
@@ -68,28 +53,17 @@ class LinkageView(ForceView):
             self._paint_wedge, self._paint_arms, self._paint_directions, self._paint_joints, self._paint_states,
             self.paint_forces,
         )  # fmt: skip
-        words = (self._paint_readouts, self._paint_legend) if worded else ()
-        self.over_handle = [*self.of_instant(*words), self._paint_line]
+        self.over_handle = [*self.of_instant(*([self._paint_legend] if worded else [])), self._paint_line]
         self.words_kept_clear = worded
         self.fit()
 
-    def fit(self) -> None:
-        """The plane keeps clear of the lines above and below it, which may be more or fewer now."""
-        if self._worded_view:
-            top, foot = self.readout_box.bottom() if VALUES in self.shown else READOUT_TOP_PX, FOOT_PX
-            self._keep_free = QMarginsF(EDGE_PX, top, EDGE_PX, foot)
-        super().fit()
-
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
         """Other devices and paths decide the scale; nothing is drawn of them before a trial."""
-        self._extents = (
-            layers.extent_of_paths(paths.values(), NEAR_M), layers.extent_of_linkages(devices, paths.values())
-        )  # fmt: skip
         self._assumed, self._path, self.instant = devices[0].assumed, None, None
         self.show_handle(None)
         self.show_pointer(None)
         self.show_path(None)
-        self.set_extent(self._extents[WHOLE in self.shown])
+        self.set_extent(layers.extent_of_paths(paths.values(), NEAR_M))
 
     def show_trial(self, device: Device, path: PathFile, tip: layers.Point) -> None:
         self._path, self.sense, self._assumed = build_path(path, "path"), 1.0, device.assumed
@@ -113,13 +87,6 @@ class LinkageView(ForceView):
         numbers.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
         self.show_text(PHASE_NAMES[self.phase], " · ".join(numbers))
         self.refresh_text()
-
-    def show_layer(self, layer: str, shown: bool) -> None:
-        super().show_layer(layer, shown)
-        if layer == WHOLE:
-            self.set_extent(self._extents[shown])
-        elif layer == VALUES:
-            self.fit()
 
     def show_text(self, title: str, line: str) -> None:
         """Write the line above the drawing."""
@@ -183,15 +150,16 @@ class LinkageView(ForceView):
             x += 12.0 + text_width(text, size, bold)
 
     def _paint_states(self, painter: QPainter, now: layers.Instant) -> None:
-        """Beside the ring of each brake that acts, in words, what it does: a colour alone would not be enough."""
+        """Beside the ring of each brake that acts, in words, what it does, and its torque."""
         rings, labels = self._rings(now), now.device.labels
-        for joint, (state, _) in self.doing.items() if self._worded_view and not self.blind else ():
+        for joint, (state, torque) in self.doing.items() if self._worded_view and not self.blind else ():
             if state != layers.OFF and joint in rings:
                 reach = marks.ring_radius(labels[joint]) + BESIDE_RING_PX
-                wide = text_width(state, theme.SMALL)
+                text = f"{state} {torque:.1f} N m"
+                wide = text_width(text, theme.SMALL)
                 left = rings[joint].x() - reach - wide
                 at = QPointF(left if left > 0.0 else rings[joint].x() + reach, rings[joint].y())
-                write_from(painter, at, state, theme.SMALL, False, COLOURS.text)
+                write_from(painter, at, text, theme.SMALL, False, COLOURS.text)
 
     def _paint_legend(self, painter: QPainter, _: layers.Instant) -> None:
         """What the marks of each layer mean that is laid over the view."""
@@ -216,51 +184,6 @@ class LinkageView(ForceView):
 
     def moving_box(self) -> QRect:
         return self.rect()
-
-    def readouts(self, labels: Mapping[str, str]) -> tuple[list[Readout], list[Readout]]:
-        """The size of both forces; what each brake does, and its torque. labels: joint -> what its brake is called."""
-        forces = [Readout(name, text, FORCE_COLOUR[name]) for name, text in self.force_texts.items()]
-        if self.blind:
-            return forces[:1], []  # of the hand
-        brakes = []
-        for joint, (state, torque) in self.doing.items():
-            text = state if state == layers.OFF else f"{state} {torque:.1f} N m"
-            colour = COLOURS.quiet if state == layers.OFF else marks.SHADE[state]
-            brakes.append(Readout(labels[joint], text, colour))
-        return forces, brakes
-
-    @property
-    def _brakes_a_line(self) -> int:
-        """How many brakes' read-outs stand side by side, at the size of the text."""
-        room = self.width() - 32.0 - self._head_px
-        return MOST_BRAKES if MOST_BRAKES * text_width(WIDEST_READOUT, theme.SMALL, bold=True) <= room else 2
-
-    @property
-    def _head_px(self) -> float:
-        """How wide the heads of the lines are."""
-        return max(text_width(f"{head}   ", theme.SMALL) for head in READOUT_HEADS)
-
-    @property
-    def readout_box(self) -> QRectF:
-        """The lines above the path, px: one for the forces, one or two for the brakes."""
-        lines = 1 + MOST_BRAKES // self._brakes_a_line
-        return QRectF(8.0, READOUT_TOP_PX, self.width() - 16.0, lines * READOUT_STEP_PX)
-
-    def _paint_readouts(self, painter: QPainter, now: layers.Instant) -> None:
-        if VALUES not in self.shown:
-            return
-        box, most = self.readout_box, self._brakes_a_line
-        forces, brakes = self.readouts(now.device.labels)
-        for down, line in enumerate((forces, brakes[:most], brakes[most:])):
-            apart = min((box.width() - 16.0 - self._head_px) / max(len(line), 1), READOUT_PX)
-            size = min(theme.SMALL, int(theme.SMALL * apart / text_width(WIDEST_READOUT, theme.SMALL, bold=True)))
-            left = box.topLeft() + QPointF(8.0, (down + 0.5) * READOUT_STEP_PX)
-            write_from(painter, left, READOUT_HEADS[down] if line else "", theme.SMALL, False, COLOURS.quiet)
-            for across, (name, text, colour) in enumerate(line):
-                at = left + QPointF(self._head_px + across * apart, 0.0)
-                write_from(painter, at, name, size, True, colour)
-                gap = text_width(f"{name} ", size, bold=True)
-                write_from(painter, at + QPointF(gap, 0.0), text, size, False, colour)
 
     def _joints(self, now: layers.Instant) -> dict[str, QPointF]:
         """Where the joints are, px; none where the linkage is hidden."""
@@ -287,11 +210,9 @@ LAYERS = {
         "How the handle can move while one brake alone is locked; bold: nearest to the desired direction",
     ),
     REACHABLE: ("W", "The forces that the brakes can exert against the present motion"),
-    VALUES: ("V", "The size of both forces, and what each brake does"),
     INSET: ("I", "The whole device with its brakes, in a corner"),
     TRAIL: ("T", "Where the handle has been in this trial"),
     LINKAGE: ("L", "Arms and brakes"),
-    WHOLE: ("Z", "The whole device, not only the paths and 10 cm around them"),
 }
 PHASE_NAMES = {tick_log.APPROACH: "Approach", tick_log.HOLD: "Hold", tick_log.MOVE: "Move", tick_log.END: "End"}
 
@@ -302,7 +223,7 @@ class Workspace(Layered):
     view: LinkageView
 
     def __init__(self, whole: bool = True) -> None:
-        """whole: with the line above, read-outs and the menu, for which a small one has no room."""
+        """whole: with the line above and the menu, for which a small one has no room."""
         super().__init__(LinkageView(whole), LAYERS if whole else {})
 
     def set_blind(self, blind: bool) -> None:

@@ -60,7 +60,7 @@ from app.window.widgets.parts import (
     text_label,
     wrapped_label,
 )
-from app.window.widgets.preflight import Checklist
+from app.window.widgets.preflight import listed
 from app.window.widgets.work import BackgroundTask
 from core.device import shipped_devices
 from core.files import InputError
@@ -122,12 +122,12 @@ class HomePage(Page):
         self.participant.returnPressed.connect(self._start)
         self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
         self.blind = Tick("Hide controller names")
-        self.blind.changed.connect(lambda _: self._ask_plan())
+        self.blind.toggled.connect(self._ask_plan)
         self.plan = printed("No plan")
         self.form = ParticipantForm()
         self.form.changed.connect(self._refresh)
         self.form.entered.connect(self._start)
-        self.checks = Checklist()
+        self.checks = wrapped_label("", "quiet")
         self.why, self.start = wrapped_label("", "caution"), button("Start session", self._start)
         self.more, self.show_plan = button(MORE, self._turn_more, "link"), button(PLAN, self._turn_plan, "link")
 
@@ -409,7 +409,8 @@ class HomePage(Page):
             self.summary.setText(breakable(text))
         self._show_start(wanted, reasons, not blockers)
         self._show_choices(wanted)
-        self.checks.show_checks(tuple(check for check in snapshot.checks if check.state != m.GOOD))
+        self.checks.setText(breakable(listed(snapshot.checks)))
+        self.checks.setVisible(bool(self.checks.text()))
         why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
         self.data.show_doing(Doing(is_open, why_not, snapshot.can_leave, self._opening))
         self._show_next(is_open, why_not)

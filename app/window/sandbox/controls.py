@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QPushButton, QScrollArea, QSizePolicy, QWidget
 from app.ipc import messages as m
 from app.window.sandbox.dials import DIALS, DialRow, dials_of
 from app.window.widgets import theme
-from app.window.widgets.fields import Field
 from app.window.widgets.keys import add_key
 from app.window.widgets.parts import (
     NO_FOCUS,
@@ -89,7 +88,7 @@ class Controls(QScrollArea):
         self._controllers: Mapping[int, Preset] = {}
         self.guides: dict[int, GuideButton] = {}
         self.dials: dict[str, DialRow] = {}
-        self.segments: dict[str, Field] = {}
+        self.segments: dict[str, Segments] = {}
 
     def show_protocol(self, protocol: Protocol) -> None:
         """The controllers, devices and paths of another protocol, and the dials."""

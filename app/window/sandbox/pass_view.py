@@ -20,7 +20,7 @@ LAYERS = {
     GAP: ("G", "The band along the path in which nothing guides"),
     LINKAGE: ("L", "The whole linkage; its brakes in the colour of what they do"),
 }
-HEAD_PX, FOOT_PX = 70.0, 22.0  # high, what the page writes there
+ROOM = QMarginsF(16.0, 70.0, 16.0, 22.0)  # px: at the top and at the foot the page writes
 
 
 class PassView(ForceView):
@@ -28,17 +28,11 @@ class PassView(ForceView):
 
     def __init__(self) -> None:
         sizes = Sizes(path=5.0, ring_pen=4.0, handle=12.0, pointer=7.0, trail=2.5)
-        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), QMarginsF(), sizes, follows_mouse=True)
+        super().__init__(QRectF(-0.2, 0.3, 0.4, 0.2), ROOM, sizes, follows_mouse=True)
         self.shown = {TRAIL, FORCES, GAP}
         self.gap_m = 0.0
         self.under_path = [self._paint_gap, self._paint_scale, *self.under_path]
         self.under_handle = self.of_instant(self.paint_forces)
-        self.fit()
-
-    def fit(self) -> None:
-        """The path keeps clear of the words above and below it."""
-        self._keep_free = QMarginsF(16.0, HEAD_PX, 16.0, FOOT_PX)
-        super().fit()
 
     def show_trial(self, device: Device, path: PathFile, tip: Point) -> None:
         self.set_extent(extent_of_paths([path], MARGIN_M))

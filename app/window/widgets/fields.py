@@ -1,4 +1,4 @@
-"""Fields: what can be typed, ticked or chosen. Each has `value`, `show_value`, and `changed` for what its user does."""
+"""Fields: what can be typed, ticked or chosen."""
 
 import math
 from typing import Any
@@ -18,17 +18,13 @@ class TextField(QLineEdit):
 
     changed = Signal(object)
 
-    def __init__(self, label: str, hint: str = "", most: int = LONGEST) -> None:
-        """hint: what can stand here; most: letters."""
-        super().__init__(accessibleName=label, maxLength=most, placeholderText=hint, toolTip=hint)
+    def __init__(self, label: str) -> None:
+        super().__init__(accessibleName=label, maxLength=LONGEST)
         self.textEdited.connect(lambda _: self.changed.emit(self.value()))
 
     def value(self) -> Any:
+        """What was typed; None: nothing."""
         return self.text().strip() or None
-
-    def show_value(self, value: Any) -> None:
-        self.setText("" if value is None else str(value))
-        self.setCursorPosition(0)  # the first letters of a long text are seen
 
 
 class NumberField(TextField):
@@ -37,18 +33,9 @@ class NumberField(TextField):
     def value(self) -> Any:
         return number_of(self.text())
 
-    def show_value(self, value: Any) -> None:
-        super().show_value(f"{value:.10g}" if isinstance(value, float) else value)
-
 
 class Tick(QCheckBox):
     """Yes or no; a tick in its box, which colour alone would not say."""
-
-    changed = Signal(object)
-
-    def __init__(self, label: str, on: bool = False) -> None:
-        super().__init__(label, checked=on)
-        self.toggled.connect(lambda on: self.changed.emit(on))
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
@@ -63,14 +50,8 @@ class Tick(QCheckBox):
         corners = ((0.22, 0.52), (0.43, 0.73), (0.8, 0.28))  # shares of the box
         painter.drawPolyline([box.topLeft() + QPointF(x * box.width(), y * box.height()) for x, y in corners])
 
-    def value(self) -> bool:
-        return self.isChecked()
 
-    def show_value(self, value: Any) -> None:
-        self.setChecked(bool(value))
-
-
-Field = TextField | Tick | Segments
+Field = TextField | Segments
 
 
 def number_of(text: str) -> Any:

@@ -1,10 +1,10 @@
 """The header's lights and the brakes-off button; what is wrong and what to do about it in a banner."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QResizeEvent
-from PySide6.QtWidgets import QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.ipc import messages as m
 from app.window.widgets import theme
@@ -12,14 +12,11 @@ from app.window.widgets.parts import (
     NO_FOCUS,
     FittedLabel,
     Panel,
-    breakable,
     clear,
     column,
-    grid,
     holder,
     row,
     text_label,
-    wrapped_label,
 )
 from app.window.widgets.words import as_sentence
 from core import faults
@@ -174,6 +171,11 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     return lines
 
 
+def listed(checks: Iterable[m.Check]) -> str:
+    """A line for each check that is not green: mark, name, what was found, what to do about it."""
+    return "\n".join(f"{MARKS[c.state][0]} {c.name}: {sentence(told(c))}" for c in checks if c.state != m.GOOD)
+
+
 def told(check: m.Check) -> str:
     """What was found, and what to do about it; an advice that begins with the same words says both."""
     if not check.advice or check.advice.lower().startswith(check.text.lower()):
@@ -184,34 +186,3 @@ def told(check: m.Check) -> str:
 def sentence(text: str) -> str:
     """The text with a full stop, unless it ends as a sentence may."""
     return text if text.endswith((".", "!", "?", "…")) else f"{text}."
-
-
-class Checklist(QWidget):
-    """The pre-flight checks as a list that can be read: mark, name, what was found, what to do about it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.setObjectName("clear")
-        self.shown: tuple[m.Check, ...] = ()
-        self.names: dict[str, QLabel] = {}
-        self._grid = grid(6, 6, stretched=2)
-        self.setLayout(self._grid)
-
-    def show_checks(self, checks: tuple[m.Check, ...]) -> bool:
-        """Whether they are others than before."""
-        if checks == self.shown:
-            return False
-        self.shown, self.names = checks, {}
-        clear(self._grid)
-        for at, check in enumerate(checks):
-            text = told(check) if check.text and check.state != m.GOOD else check.text
-            self._grid.addWidget(text_label(*MARKS[check.state]), at, 0, Qt.AlignmentFlag.AlignTop)
-            words = wrapped_label(breakable(text), "quiet")
-            if check.name:
-                ahead = check.state == m.WAITING and not check.text
-                self.names[check.name] = name = text_label(check.name, "quiet" if ahead else "", bold=not ahead)
-                self._grid.addWidget(name, at, 1, Qt.AlignmentFlag.AlignTop)
-                self._grid.addWidget(words, at, 2)
-            else:
-                self._grid.addWidget(words, at, 1, 1, 2)
-        return True
