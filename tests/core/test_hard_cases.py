@@ -5,14 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import BENCH_THREE, FOUR, stops_of, yields
+from devices import BENCH_FOUR, BENCH_THREE, FOUR, S1, S4, rods, stops_of, yields
 
-from core.simulator.hand import Hand, new_hand, spring_hand
+from core.simulator.hand import Hand, new_hand, spring_hand, wave_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
 
 START = (0.05, 0.40)
 #: J; the largest energy a brake may add in a step: rounding of its heat, which is summed from powers of one sign
 FROM_A_BRAKE = 1e-15
+
+
+def tethered(wave: np.ndarray, stiffness: float = 60.0, damping: float = 3.0) -> Hand:
+    """A hand that shakes the handle, on a soft spring that keeps it in the workspace."""
+    hand = spring_hand((stiffness, 0.0, stiffness), (damping, 0.0, damping), target=START)
+    hand.grips["wave"][0], hand.grips["waves"][0] = wave, 1
+    return hand
 
 
 def check(simulation: Simulation, rows: np.ndarray) -> None:
@@ -22,6 +29,20 @@ def check(simulation: Simulation, rows: np.ndarray) -> None:
     assert ledger.added_by_brakes <= FROM_A_BRAKE
     assert min(ledger.heat) >= 0.0 and ledger.lost_at_stops >= 0.0
     assert stops_of(simulation.device, *rows[:: max(1, len(rows) // 250), 1:3]).min() >= -1e-9
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("joint", "AEB")
+def test_one_locked_brake_keeps_its_angle_for_a_minute(bench, joint, integrator):
+    hand = tethered(S1)
+    simulation = Simulation(bench.device, START, integrator=integrator, hand=hand)
+    rows = simulation.rows(
+        6001, Schedule(np.zeros(1), yields(bench, 0.3, **{joint: 5.6})[None]), Grid(0, 6000, 10, 1e-3)
+    )
+    angle = np.array([bench.angles(p)["AEBC".index(joint)] for p in rows[:, 1:3]])
+    assert np.ptp(rows[:, 1:3], axis=0).max() > 1e-3
+    assert np.max(np.abs(angle - angle[0])) < 1e-9
+    check(simulation, rows)
 
 
 @pytest.mark.parametrize("share", [1 - 1e-15, 1.0, 1 + 1e-15, 1 + 1e-9, 1 + 1e-6])
@@ -60,6 +81,31 @@ def test_brakes_on_one_line_hold_together():
             check(simulation, rows)
 
 
+def test_reversal_inside_the_backlash_at_a_millionth_of_a_radian_per_second():
+    """A force that overcomes the off torque by a hair, to and fro: only the off torque answers."""
+    for bar in (BENCH_THREE, BENCH_FOUR):
+        p = np.array(START)
+        g = bar.rows(p)
+        u = np.array([1.0, 0.3])
+        currents = np.array([0.5 * (j in bar.braked) for j in "AEBC"])
+        low, high = 0.0, 100.0  # the force at which the resting tip comes loose
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            trial = Simulation(bar.device, START, fidelity="mr", hand=new_hand(forces=middle * u[None]))
+            low, high = (middle, high) if not np.any(trial.run(2e-3, 1e-3, currents)[-1, 3:5]) else (low, middle)
+        wave = np.array([[high * u[0], 20.0, 0.0], [high * u[1], 20.0, 0.0]]) * [1.0 + 2e-4, 1.0, 1.0]
+        simulation = Simulation(bar.device, START, fidelity="mr", hand=wave_hand(wave))
+        rows = simulation.run(2.0, 1e-3, currents)
+        rates = np.abs(rows[:, 3:5] @ g.T).max()
+        moving = rows[:, 3:5] @ u
+        assert 1e-7 < rates < 1e-4
+        assert moving.max() > 0.0 > moving.min()
+        assert np.max(np.abs(rows[:, 5:9])) <= 0.35 * (1 + 1e-12)
+        half = np.radians(0.75) / 2
+        assert np.all(np.abs(simulation.braking["play"][0][currents > 0] - half) < 1e-4)
+        check(simulation, rows)
+
+
 def push(newtons: float, twelfth: int) -> Hand:
     """A constant force in one of twelve directions."""
     angle = twelfth * math.pi / 6 + 0.1
@@ -94,6 +140,18 @@ def test_sliding_along_a_stop_loses_no_energy_but_by_friction(integrator):
     assert left[1] < max(0.3 * left[0], 1e-9)
 
 
+def test_joint_stops_in_the_device_file_hold():
+    bar = replace(BENCH_FOUR, limits="theta_A_rad = [1.6, 2.5]\ntheta_E_rad = [-1.9, -1.0]\ntheta_C_rad = [0.9, 1.9]")
+    for k in range(12):
+        simulation = Simulation(bar.device, START, hand=push(20.0, k))
+        rows = simulation.run(2.0, 1e-3, yields(bar, 0.2))
+        check(simulation, rows)
+        for p in rows[:, 1:3]:
+            theta = bar.angles(p)
+            for i, (low, high) in ((0, (1.6, 2.5)), (1, (-1.9, -1.0)), (3, (0.9, 1.9))):
+                assert low - 1e-9 <= theta[i] <= high + 1e-9
+
+
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 @pytest.mark.parametrize("fidelity", ["ideal", "mr"])
 @pytest.mark.parametrize("damping", [0.0, 50.0])
@@ -111,3 +169,50 @@ def test_mouse_jump_on_a_stiff_spring_makes_no_energy(five_bar, integrator, fide
         stored = 0.5e5 * np.sum((rows[:, 1:3] - target) ** 2, axis=1)
         kinetic = [five_bar.kinetic(row[1:3], row[3:5]) for row in rows]
         assert np.max(stored + kinetic) <= 1.1 * 0.5e5 * 0.3**2
+
+
+@pytest.mark.parametrize("integrator, fidelity", [("event", "ideal"), ("stepping", "ideal"), ("event", "mr")])
+def test_brakes_switching_every_tick_for_a_minute(bench, integrator, fidelity):
+    rng = np.random.default_rng(9)
+    n = 60000
+    top = 5.6 if fidelity == "ideal" else 1.0
+    present = yields(bench, 1.0)
+    values = top * rng.integers(0, 2, (n, 4)) * present
+    simulation = Simulation(bench.device, START, (0.0, 0.0), fidelity, integrator, tethered(S4, 200.0, 5.0))
+    rows = simulation.rows(n + 1, Schedule(np.arange(n) * 1e-3, values), Grid(0, n, 1, 1e-3))
+    check(simulation, rows)
+    assert np.ptp(rows[-20000:, 1:3], axis=0).max() > 1e-3
+    if fidelity == "ideal":
+        assert np.all(np.abs(rows[:-1, 5:9]) <= values * (1 + 1e-12))
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+@pytest.mark.parametrize("ratio", [1e-4, 1e4])
+def test_tip_ten_thousand_times_heavier_or_lighter_than_the_links(bench, ratio, integrator):
+    light = replace(bench, links=rods(0.3 if ratio < 1 else 3e-5, bench.lengths), tip=3e-5 if ratio < 1 else 0.3)
+    light = replace(light, rotor=0.0, name="lopsided")
+    for simulation in (
+        Simulation(light.device, START, (0.1, 0.0), "ideal", integrator, tethered(S1)),
+        Simulation(light.device, START, (0.1, 0.0), "mr", integrator, tethered(S1)),
+    ):
+        commands = yields(light, 0.2)
+        rows = simulation.run(5.0, 1e-3, commands)
+        check(simulation, rows)
+        ledger = simulation.ledger()
+        assert abs(ledger.residual) < (1e-5 if integrator == "event" else 0.1) * (1.0 + ledger.work_hand)
+
+
+@pytest.mark.parametrize("integrator", ["event", "stepping"])
+def test_ten_minutes_stay_finite_and_passive(integrator):
+    """600,000 steps with brakes that switch four times a second."""
+    seconds = 600
+    times = np.arange(4 * seconds) * 0.25
+    order = ("A", "B", "E")
+    values = np.array([yields(BENCH_THREE, 0.3, **{order[k % 3]: 4.0}) for k in range(len(times))])
+    simulation = Simulation(BENCH_THREE.device, START, integrator=integrator, hand=tethered(S4, 100.0, 5.0))
+    rows = simulation.rows(seconds + 1, Schedule(times, values), Grid(0, seconds, 1000, 1e-3))
+    check(simulation, rows)
+    ledger = simulation.ledger()
+    assert ledger.steps == 1000 * seconds
+    if integrator == "event":
+        assert abs(ledger.residual) < 1e-6 * ledger.work_hand
