@@ -1,22 +1,10 @@
-"""Everything in a database that means something is covered by a checksum or a count, or follows from what is.
+"""Everything in a database that means something is covered by a checksum or a count, or follows from what is."""
 
-Run as a script with a number of flips, it does as many and prints what it saw:
-python tests/experiments/test_damage.py 500
-"""
-
-import contextlib
 import json
 import shutil
-import sqlite3
-import sys
-import tempfile
 from pathlib import Path
 
 import pytest
-
-if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
-
 from damage import edited, flips, found, make_whole
 from sessions import crash_in_trial, kill, new_session, of, run_trials, session_of
 
@@ -26,7 +14,6 @@ from experiments.store.files import STUDY
 from experiments.store.journal import read_journal
 from experiments.store.session import Session
 from experiments.store.study_plan import read_study
-from experiments.store.verify import verify
 
 SESSION = f"sub-01/ses-01/{DATABASE}"
 
@@ -44,11 +31,6 @@ def data(whole, tmp_path):
 
 def tables() -> list[str]:
     return [table for table in TABLES if table != "ticks"]
-
-
-def test_a_whole_study_has_no_fault_and_is_one_plain_file_a_session(data):
-    assert found(data) == {}
-    assert sorted(path.name for path in of(data).iterdir()) == [".lock", DATABASE, "trials", "trials.csv"]
 
 
 def test_a_flipped_bit_anywhere_is_named_or_means_nothing(data):
@@ -110,54 +92,99 @@ def test_the_key_of_a_blind_session_is_guarded_too(tmp_path):
         (of(data) / DATABASE).write_bytes(content)
 
 
-def test_a_row_of_another_session_does_not_match(data, tmp_path):
-    """Whole rows, with their checksums: of the participant with the same plan, protocol and place."""
-    with session_of(tmp_path / "other", 3):
+def sql(statement: str):
+    """The database after a statement."""
+
+    def change(path: Path, _: Path) -> None:
+        with edited(path) as db:
+            db.execute(statement)
+
+    return change
+
+
+def content_of(before: bytes, after: bytes):
+    """The file with bytes in place of others; in place of the whole file where `before` is empty."""
+
+    def change(path: Path, _: Path) -> None:
+        content = path.read_bytes()
+        assert before in content
+        path.write_bytes(content.replace(before, after) if before else after)
+
+    return change
+
+
+def row_of_another_session(path: Path, elsewhere: Path) -> None:
+    """A whole row, with its checksum: of the participant with the same plan, protocol and place."""
+    with session_of(elsewhere, 3):
         pass
-    with edited(of(data) / DATABASE) as db:
-        db.execute("ATTACH ? AS other", [str(of(tmp_path / "other") / DATABASE)])
+    with edited(path) as db:
+        db.execute("ATTACH ? AS other", [str(of(elsewhere) / DATABASE)])
         db.execute("REPLACE INTO result SELECT * FROM other.result")
         db.commit()
-    assert "result 1: does not match its checksum" in str(found(data)[SESSION])
-    assert checksum("a", "about", ("x", "1")) != checksum("a", "blind_key", ("x", 1)), "nor one of another table"
 
 
-def old_row(db: sqlite3.Connection) -> None:
+def old_row(path: Path, _: Path) -> None:
     """An earlier state of a row, whole as it was then."""
-    (identity,) = db.execute("SELECT value FROM about WHERE name = 'identity'").fetchone()
-    *values, cells, _ = db.execute("SELECT * FROM result WHERE number = 1").fetchone()
-    then = *values, cells.replace("excluded", "done")
-    db.execute("REPLACE INTO result VALUES (?, ?, ?, ?)", [*then, checksum(json.loads(identity), "result", then)])
+    with edited(path) as db:
+        (identity,) = db.execute("SELECT value FROM about WHERE name = 'identity'").fetchone()
+        *values, cells, _crc = db.execute("SELECT * FROM result WHERE number = 1").fetchone()
+        then = *values, cells.replace("excluded", "done")
+        db.execute("REPLACE INTO result VALUES (?, ?, ?, ?)", [*then, checksum(json.loads(identity), "result", then)])
 
 
-@pytest.mark.parametrize("change, says", [
-    (old_row, "result: is not as it was when the session was closed"),
-    (lambda db: db.execute("DELETE FROM counts WHERE name = 'sealed'"), "the counts are missing"),
-    (lambda db: db.execute("UPDATE counts SET rows = 0 WHERE name = 'sealed'"), "the count of sealed does not match"),
-])  # fmt: skip
-def test_a_session_that_was_closed_is_as_it_was(data, change, says):
-    with edited(of(data) / DATABASE) as db:
-        change(db)
-    assert says in str(found(data)[SESSION])
-
-
-def test_a_damaged_index_by_which_rows_are_found_is_named(data):
-    path = of(data) / DATABASE
+def damaged_index(path: Path, _: Path) -> None:
+    """By which rows are found."""
     with edited(path) as db:
         (page,) = db.execute("SELECT rootpage FROM sqlite_schema WHERE name LIKE '%autoindex_counts%'").fetchone()
         (size,) = db.execute("PRAGMA page_size").fetchone()
     content, begin = path.read_bytes(), (page - 1) * size
     index = content[begin : begin + size].replace(b"result", b"resulu")
     path.write_bytes(content[:begin] + index + content[begin + size :])
-    assert "autoindex_counts" in str(found(data))
 
 
-def test_a_session_without_its_whole_plan_is_not_gone_on_with(tmp_path):
-    crash_in_trial(new_session(tmp_path))
-    with edited(of(tmp_path) / DATABASE) as db:
-        db.execute("DELETE FROM plan WHERE run = 7")
-    with pytest.raises(InputError, match="plan: does not match plan_sha256"):
-        Session.resume(tmp_path, "01", sync=False)
+def another_database(path: Path, _: Path) -> None:
+    path.unlink()
+    with edited(path) as db:
+        db.execute("CREATE TABLE event (number INT)")
+
+
+GOES_ON, REPAIRED = "", "cannot be repaired"
+#: change -> what verify names, and what opening the session says
+CHANGES = {
+    "row of another session": (row_of_another_session, "result 1: does not match its checksum", "result 1"),
+    "older row": (old_row, "result: is not as it was when the session was closed", GOES_ON),
+    "no counts": (sql("DELETE FROM counts WHERE name = 'sealed'"), "the counts are missing", GOES_ON),
+    "other count": (
+        sql("UPDATE counts SET rows = 0 WHERE name = 'sealed'"), "the count of sealed does not match", GOES_ON,
+    ),
+    "index": (damaged_index, "autoindex_counts", GOES_ON),
+    "plan": (sql("DELETE FROM plan WHERE run = 7"), "plan", "plan: does not match plan_sha256"),
+    "result": (sql("UPDATE result SET crc = crc + 1 WHERE number = 2"), "result 2", "result 2: does not match"),
+    "event": (sql("UPDATE event SET crc = crc + 1 WHERE number = 2"), "event 2", REPAIRED),
+    "trial": (sql("UPDATE trial SET crc = crc + 1 WHERE number = 2"), "run-002.parquet", REPAIRED),
+    "later format": (sql("PRAGMA user_version = 2"), "is of format 2", "this version of PHD reads formats up to 1"),
+    "no database": (content_of(b"", b"not a database at all"), "session.db", "session.db"),
+    "half a database": (content_of(b"", b"SQLite format 3\0" + b"x" * 200), "session.db", "session.db"),
+    "another database": (another_database, "is no database of PHD", "no database of PHD"),
+    "name of a column": (content_of(b"TABLE event (number", b"TABLE event (nvmber"), "is damaged", "is damaged"),
+    "no letter": (content_of(b"TABLE event (number", b"TABLE event (n\xf4mber"), "is damaged", "is damaged"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change, named, said", CHANGES.values(), ids=CHANGES)
+def test_what_was_changed_is_named_by_verify_and_said_or_refused_as_the_session_is_opened(
+    data, tmp_path, change, named, said
+):
+    assert found(data) == {}
+    change(of(data) / DATABASE, tmp_path / "other")
+    assert named in str(found(data))
+    if said in (GOES_ON, REPAIRED):
+        session = Session.resume(data, "01", sync=False)
+        assert said in session.repaired.sentence()
+        session.close()
+    else:
+        with pytest.raises(InputError, match=said):
+            Session.resume(data, "01", sync=False)
 
 
 def test_what_was_killed_and_goes_on_has_no_fault_and_lost_lines_are_named_all_the_same(tmp_path):
@@ -184,19 +211,6 @@ def test_damage_stays_named_after_the_session_has_gone_on(data):
     assert "does not match its checksum" in str(found(data)[SESSION])
 
 
-@pytest.mark.parametrize("what", ["event", "result", "trial"])
-def test_a_session_with_a_row_that_was_changed_says_so_as_it_is_opened(data, what):
-    with edited(of(data) / DATABASE) as db:
-        db.execute(f"UPDATE {what} SET crc = crc + 1 WHERE number = 2")
-    if what == "result":
-        with pytest.raises(InputError, match="result 2: does not match its checksum"):
-            Session.resume(data, "01", sync=False)
-    else:
-        session = Session.resume(data, "01", sync=False)
-        assert "cannot be repaired" in session.repaired.sentence()
-        session.close()
-
-
 def test_a_flipped_bit_in_what_a_study_was_begun_with_is_named_or_means_nothing(data):
     path = data / STUDY
     content, meant = path.read_bytes(), read_study(data)
@@ -219,37 +233,3 @@ def test_a_session_that_is_missing_from_a_study_or_is_another_one_is_named(data,
     shutil.rmtree(data / "sub-01")
     kept.rename(data / "sub-01")
     assert found(data) == {}
-
-
-def test_a_later_format_is_refused_in_one_sentence(data):
-    with edited(of(data) / DATABASE) as db:
-        db.execute("PRAGMA user_version = 2")
-    with pytest.raises(InputError, match="is of format 2, this version of PHD reads formats up to 1"):
-        Session.resume(data, "01", sync=False)
-    assert "is of format 2" in str(found(data))
-
-
-def test_a_file_that_is_no_database_of_ours_is_refused_in_one_sentence(data):
-    for content in (b"", b"SQLite format 3\0" + b"x" * 200, b"not a database at all"):
-        (of(data) / DATABASE).write_bytes(content)
-        if content:
-            assert "session.db" in str(found(data))
-    with contextlib.closing(sqlite3.connect(of(data) / "other.db")) as db:
-        db.execute("CREATE TABLE event (number INT)")
-        db.commit()
-    (of(data) / "other.db").replace(of(data) / DATABASE)
-    assert "is no database of PHD" in str(verify(data)["faults"])
-
-
-@pytest.mark.parametrize("wrong", [b"nvmber", b"n\xf4mber"])
-def test_a_flipped_bit_in_the_names_of_columns_is_one_sentence(data, wrong):
-    path = of(data) / DATABASE
-    path.write_bytes(path.read_bytes().replace(b"TABLE event (number", b"TABLE event (" + wrong))
-    assert "session.db" in str(found(data)) and "is damaged" in str(found(data))
-    with pytest.raises(InputError, match="is damaged"):
-        Session.resume(data, "01", sync=False)
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        print(flips(make_whole(Path(name) / "data"), int(sys.argv[1]), seed=2))
