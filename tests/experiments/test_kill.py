@@ -1,23 +1,15 @@
 """kill -9 at random moments: nothing that was acknowledged is lost, and the session goes on.
 
 That ticks are committed in time is in test_recording.
-
-Run as a script with a number of kills, it does as many and prints what it saw:
-python tests/experiments/test_kill.py 200
 """
 
 import sys
-import tempfile
 from collections import Counter
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
-
 from killed_phd import KilledPhd
 
 from experiments.analysis.trials_table import COUNTED
@@ -149,12 +141,3 @@ def reference(phd, tmp_path_factory):
 def test_a_killed_study_loses_nothing_and_goes_on(phd, reference, tmp_path):
     seen = kill_studies(phd, tmp_path, 4, reference, seed=11)
     assert seen["kills"] >= 4 and seen["studies completed after kills"] >= 1
-
-
-if __name__ == "__main__":
-    count, server = int(sys.argv[1]), KilledPhd()
-    with tempfile.TemporaryDirectory() as name:
-        whole = Path(name) / "reference"
-        server.run(250.0, phd=[*server.study, "--out", str(whole)])
-        print(dict(kill_studies(server, Path(name), count, whole, seed=1)))
-    server.close()

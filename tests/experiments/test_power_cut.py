@@ -1,24 +1,15 @@
-"""A power cut at any moment, and a disk that refuses: nothing that was acknowledged is lost, nothing counts twice.
-
-Run as a script with a number of cuts, it does as many and prints what it saw:
-python tests/experiments/test_power_cut.py 1000
-"""
+"""A power cut at any moment, and a disk that refuses: nothing that was acknowledged is lost, nothing counts twice."""
 
 import json
 import os
 import random
 import shutil
-import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).resolve().parents[k] / place) for k, place in ((2, ""), (1, "support"))]
-
 from recorded_disk import ACK, NAMES, SOME, SYNCED, RecordedDisk
 from sessions import of, recording_path
 
@@ -200,8 +191,3 @@ def test_where_there_is_no_shared_memory_a_journal_of_the_other_kind_keeps_all(t
     for number, (moment, how) in enumerate(moments):
         image = tmp_path / f"image-{number}"
         check(image, disk.cut(records[:moment], image, how, number), whole)
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as place:
-        print(dict(sorted(cuts(recorded(Path(place)), int(sys.argv[1]), seed=5).items())))

@@ -1,6 +1,6 @@
 """The board's state machine: every event in every state, as the specification's table says.
 
-Each of the 75 pairs is a test of its own; as a script it prints how many of them there are of each kind.
+Each of the 75 pairs is a test of its own.
 """
 
 import re
@@ -211,7 +211,3 @@ def test_power_up_begins_everything_anew_and_says_so() -> None:
     assert hello.starts != starts
     assert (hello.state, hello.faults, hello.cause) == (State.FAULT, Fault.BROWN_OUT, Fault.BROWN_OUT)
     assert bench.tell(ResetFault())[0].faults == 0 and bench.state == State.IDLE
-
-
-if __name__ == "__main__":
-    print(f"{len(PAIRS)} pairs: {coverage()}")

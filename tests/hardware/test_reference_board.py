@@ -1,19 +1,15 @@
 """The board in C (hardware/firmware) does, step by step, what the Python board does: compiled for this machine, and as
 Cortex-M4 machine code in an emulator.
 
-Skipped where compiler or emulator are missing. As a script it feeds a million bytes (more if a number is given) to
-both boards.
+Skipped where compiler or emulator are missing.
 """
 
-import sys
-import tempfile
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
 import simulated_board
-from reference_board import TARGETS, Program, RandomHost, RecordedBoard, live_alike, on_this_machine, recorded
+from reference_board import TARGETS, Program, RandomHost, RecordedBoard, live_alike, recorded
 from simulated_board import samples
 from test_board_states import SEEN, happen, in_state
 from test_wire_frames import noise_and_damage
@@ -173,13 +169,3 @@ def test_a_million_bytes_break_nothing_and_no_damaged_frame_is_taken_for_true(pr
     did = live_alike(program, [board])
     assert board.decoder.counts.good == true
     assert {one.state for one in did} >= {State.IDLE, State.READY, State.FAULT}
-
-
-if __name__ == "__main__":
-    total = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    with tempfile.TemporaryDirectory() as name:
-        built = on_this_machine(Path(name))
-        for seed in range(max(1, total // 1_000_000)):
-            fuzz_board, sent = fuzzed(min(total, 1_000_000), seed)
-            live_alike(built, [fuzz_board])
-            print(f"round {seed}: {fuzz_board.decoder.counts}, {sent} true frames sent; both boards did the same")
