@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from protocols import PAPER
-from synthetic_device import CURRENT_MAX, DEVICES, K, brakes_on, gain, random_mass, random_rows, rows
+from synthetic_device import CURRENT_MAX, K, brakes_on, gain, random_mass, random_rows, rows
 
 from core.control import algorithm
 from core.control import controllers as control
@@ -16,7 +16,7 @@ from core.control.algorithm import LOCKED, Tick
 from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make_controller, make_preset
 from core.control.velocity_field import WANTED, Seen, new_memory
 from core.files import InputError
-from core.path import Path, line, point_at
+from core.path import Path, line
 from core.simulator.state import pack_brakes
 
 PRESETS = PAPER.controllers
@@ -30,7 +30,6 @@ USE_BELOW_DRAG = control.DECISIONS.index("prop A, below off-state drag")
 nojit = pytest.mark.nojit
 
 SEGMENT_1 = line((-0.10, 0.40), (0.10, 0.40))
-SEGMENT_2 = line((-0.08, 0.26), (0.08, 0.42))
 FORCE = 17.4  # N, normalised
 ALL = brakes_on("AEBC")
 MASS = np.array([1.2, 0.3, 2.5])
@@ -140,22 +139,6 @@ def test_without_a_valid_sdof_path_an_outward_push_is_locked_and_any_other_relea
     assert (code, current.tolist()) == (algorithm.LOCK_NO_VALID, [1, 1, 1, 0])
     code, current = decision(controller, SEGMENT_1, 0, 0.42, 0, 0, 4, -6, g, brakes=three)
     assert (code, current.tolist()) == (algorithm.RELEASE_NO_VALID, [0, 0, 0, 0])
-
-
-@pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("path", [SEGMENT_1, SEGMENT_2], ids=["segment 1", "segment 2"])
-def test_on_the_segments_some_brake_always_has_a_valid_sdof_path(device, path):
-    brakes, controller = brakes_on(DEVICES[device][4]), make_controller(PRESETS[2], DEVICES[device][5])
-    used = set()
-    for share in np.linspace(0, 1, 11):
-        for d in np.linspace(-0.02, 0.02, 9):
-            x, y, tx, ty = point_at(path, share * path.length)
-            x, y = x - d * ty, y + d * tx
-            for sense in (1, -1):
-                push = (5 * sense * tx, 5 * sense * ty)
-                code, _ = decision(controller, path, x, y, 0, 0, *push, rows(device, x, y), brakes=brakes)
-                used.add(code)
-    assert min(used) >= USE_SDOF and len(used) >= 2
 
 
 def test_5_newton_seconds_per_metre_ask_for_less_than_the_drag_and_so_for_no_current():

@@ -14,9 +14,7 @@ from experiments.analysis.charts import (
     ORDER,
     PERSON,
     POOLED,
-    QUESTIONS,
     SPEED,
-    AnswerSet,
     View,
     charts,
     left_out,
@@ -86,25 +84,6 @@ def test_what_does_not_count_is_grey_and_in_no_box():
     assert "Grey: trials that do not count." in legend(chart, VIEW)
     assert sum(at.box.n for at in chart.boxes) == len(chart.points) == 178
     assert "1 trial excluded by the experimenter" in left_out(as_table(rows))
-
-
-def test_codes_stand_in_place_of_controllers_each_in_a_place_and_tell_their_participants_apart():
-    rows = [replace(row, controller=f"K{row.controller}") for row in study()]
-    one = charts(POOLED, as_table([row for row in rows if row.participant == "01"]), VIEW)[0]
-    assert [text for _, text in one.ticks] == ["K1", "K2", "K3", "K4", "K5"]
-    several = charts(POOLED, as_table(rows), VIEW)[0]
-    assert len(several.ticks) == 15 and [name for _, name in several.ticks[:5]] == ["K1", "K2", "K3\nP01", "K4", "K5"]
-    assert "Participant 01 · K" in several.points[0].text
-    many = [replace(row, participant=f"{n:02d}") for n in range(1, 9) for row in rows if row.participant == "01"]
-    crowded = charts(POOLED, as_table(many), VIEW)[0]
-    assert [text for _, text in crowded.ticks if text] == [f"P{n:02d}" for n in range(1, 9)]
-    chart = charts(PERSON, as_table(rows), VIEW)[0]
-    assert len({round(placed.x, 6) for placed in chart.boxes}) == 3 * 5 * 2
-    assert min(placed.half for placed in chart.boxes) > 0.03
-    answers = [AnswerSet(who, DEVICES[0], 0, "K1", {"effort": 50.0}, "") for who in ("01", "02") for _ in range(5)]
-    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, answers)
-    assert chart.highest == 100.0, "an answer stands on the whole of its scale"
-    assert len(chart.boxes) == 2
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from experiments.identify.step_response import Step, mean_step, read_steps, time
 
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)
-#: Coverage is counted over this many seeds here (over 200 outside the suite): enough to see a wrong interval.
+#: Coverage is counted over this many seeds: enough to see a wrong interval.
 SEEDS = 24
 
 
@@ -104,12 +104,9 @@ def in_other_units(steps: list[Step], t=1.0, current=1.0, speed=1.0, torque=1.0)
 
 OTHER_UNITS = {
     "milliseconds": ({"t": 1e3}, "t_s", "ms ("),
-    "microseconds": ({"t": 1e6}, "t_s", "us ("),
     "mN m": ({"torque": 1e3}, "torque_N_m", "mN m (5300 mN m = 5.3 N m)"),
-    "N cm": ({"torque": 1e2}, "torque_N_m", "N cm (530 N cm = 5.3 N m)"),
     "rad/s": ({"speed": math.pi / 30.0}, "speed_rpm", "rad/s (6.7 rad/s = 64 rpm)"),
     "rev/s": ({"speed": 1.0 / 60.0}, "speed_rpm", "rev/s (1.07 rev/s = 64 rpm)"),
-    "deg/s": ({"speed": 6.0}, "speed_rpm", "deg/s (384 deg/s = 64 rpm)"),
 }
 
 
@@ -337,9 +334,6 @@ def test_command_writes_a_brake_file_and_figures_and_never_overwrites(folder, qu
 HEADER = "t_s,current_from_A,current_to_A,speed_rpm,torque_N_m,step_index\n"
 WRONG_FILES = {
     "a scene": ('device = "three-brake"\nduration_s = 2.0\n', "line 1: the header lacks t_s, .*step_index"),
-    "column missing": ("t_s,torque_N_m\n0,1\n", "line 1: the header lacks current_from_A, .*step_index"),
-    "no rows": (HEADER, "has no rows"),
-    "not a number": (HEADER + "0,0,1,2,x,0\n", "line 2: torque_N_m must be a number, not 'x'"),
     "no step": (HEADER + "0,0,0.5,2,1,0\n0,1,1,2,1,0\n", "line 3: .*are equal"),
     "negative current": (HEADER + "0,-1,1,2,1,0\n", "line 2: current_from_A must be at least 0"),
     "standing shaft": (HEADER + "0,0,1,0,1,0\n", "line 2: speed_rpm must not be 0"),

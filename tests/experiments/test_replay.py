@@ -10,7 +10,7 @@ from disks import flip_a_bit
 from exports import table
 from protocols import short
 from refusals import refusal
-from sessions import closed_session, crash_in_trial, files, new_session, run, run_to_move
+from sessions import closed_session, crash_in_trial, files, new_session, run
 
 from app.cli import main
 from core.device import load_device
@@ -19,7 +19,7 @@ from experiments.recording import recording_columns
 from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.study.replay import A_PERSON_WOULD_REACT, Replacement, replay
-from experiments.study.replay_motion import HAND_ENDED, play_after, read_recorded
+from experiments.study.replay_motion import HAND_ENDED, read_recorded
 
 
 @pytest.fixture(scope="module")
@@ -69,25 +69,6 @@ def test_a_handle_that_cannot_follow_is_where_the_recorded_hand_ends(data):
         assert all(metric["before"] is not None or metric["after"] is not None for metric in told["metrics"].values())
     for told in seen:
         assert told["ticks"] <= read_recording(told["recording"]).rows
-
-
-def test_the_play_of_the_backlash_is_where_the_simulated_device_had_it(data):
-    """After the approach, whatever it was before."""
-    session = new_session(data, "77", short(paths=1, seed="2"))
-    try:
-        trial, writer = session.begin(session.next_planned())
-        run_to_move(trial, writer)
-        play = np.array(trial.simulation.braking["play"][0])
-        run(trial, writer)
-        session.finish(trial, writer)
-        recorded = read_recorded(recordings(data, "77")[0])
-        found, edge = play_after(recorded.recording, recorded.first, trial.simulation.device)
-    finally:
-        session.close()
-        shutil.rmtree(data / "sub-77")
-    width = trial.simulation.device.brakes.play
-    assert np.allclose(found, play, rtol=0.0, atol=1e-6)
-    assert np.array_equal(edge[width > 0.0] != 0.0, ((found == 0.0) | (found == width))[width > 0.0])
 
 
 def test_the_ticks_have_the_recordings_columns_and_are_never_written_over_anything(data, tmp_path, capsys):
