@@ -33,7 +33,7 @@ LONG = (
     "test_followed_paths", "test_random_scenes", "test_cli", "test_examples", "test_identify", "test_study",
     "test_replay_equal", "test_bench", "test_real_trial", "test_findings", "test_odd_values", "test_export",
     "test_resume", "test_hard_cases", "test_main_window", "test_firmware_faults", "test_live_board",
-    "test_live_kill", "test_live_experimenter", "test_try_felt", "test_power_cut", "test_strangers_code",
+    "test_live_kill", "test_try_felt", "test_power_cut", "test_strangers_code",
     "test_refusing_disk", "test_scripted_session",
 )  # fmt: skip
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from protocols import PAPER, changed
 from simulated_bench import DEVICE, TIP, Bench
@@ -99,7 +100,12 @@ def test_before_a_session_the_device_can_be_homed_zeroed_and_tried_and_the_sessi
     for step, is_done in ((m.HOME, lambda: on_bench.status.homed), (m.ZERO, lambda: on_bench.status.zeroed)):
         on_bench.send(m.PrepareDevice(step))
         on_bench.until(is_done)
-    on_bench.send(m.SetSandbox(), m.Start())
+    on_bench.send(m.SetSandbox())
+    sandbox = on_bench.until(lambda s: s.sandbox).sandbox
+    assert sandbox.by_start and not window.within(0.1, lambda s: s.running), "currents flow: a pass waits for a Start"
+    on_bench.send(m.SetSandbox(sandbox.settings._replace(brake_strength=0.5)))
+    assert "brake_strength cannot be changed" in on_bench.until(lambda s: s.notice_bad).notice
+    on_bench.send(m.Start())
     on_bench.until(lambda s: s.sandbox and s.sandbox.passes)
     on_bench.send(m.EndSandbox(), m.Open("01"))
     assert window.until_stage(m.READY).card is None
@@ -148,6 +154,8 @@ def test_no_trial_starts_while_a_step_is_done_and_none_without_a_zero(on_bench: 
     (row,) = on_bench.until(lambda s: s.rows).rows
     recording = read_recording(Path(window.opened.folder) / row.recording)
     assert recording.whole and recording.outcome["link"]["zero"] is not None
+    assert (recording.metadata["link"], recording.metadata["hand"]) == ("serial", "force sensor")
+    assert set(np.diff(recording.column("board_us"))) == {1000.0} and np.ptp(recording.column("encoder_A_counts")) >= 0
 
 
 def test_a_press_of_brakes_off_after_allow_stands_while_the_board_is_busy(on_bench: OnBench) -> None:

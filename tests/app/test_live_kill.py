@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,6 @@ from live import Window, kill, live_window
 from processes import children, gone, suspend
 from protocols import PAPER, changed
 from sessions import unfinished
-from synthetic_hand import SyntheticHand
 from waiting import wait_until
 
 from app.ipc import messages as m
@@ -108,8 +106,9 @@ def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(
     kept = read_recording(trial(setup, run))
     assert kept.whole and kept.outcome["status"] == "stopped"
     assert kept.outcome["reason"] == "the session server was ended by the system"
-    snapshot = resume(opened, setup)
-    assert snapshot.rows[-1].status == "stopped" and cell(snapshot.coming) == cell(snapshot.rows[-1])
+    session = Session.resume(setup.data_dir, "01", sync=False)
+    assert session.rows[-1].status == "stopped" and cell(session.next_planned()) == cell(session.rows[-1])
+    session.close()
 
 
 #: a window in a process of its own: it starts a trial and says whose server and run that is
@@ -148,23 +147,3 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
     assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
     entries = read_events(setup.data_dir / "sub-01" / "ses-01")
     assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
-
-
-def test_a_trial_by_pointer_ends_with_its_window_and_comes_again(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "data", seed=5, real_time=False)
-    opened = Window(setup)
-    opened.open()
-    snapshot = opened.start()
-    run, hand = snapshot.running.run, SyntheticHand(snapshot.running.segment, snapshot.tip)
-    opened.until(lambda _: len(opened.rows))
-    while (now := opened.rows[-1])[tick_log.PHASE] < tick_log.MOVE:
-        opened.client.ring.aim(*hand((now[tick_log.TIP_X], now[tick_log.TIP_Y]), int(now[tick_log.PHASE]), 0.005))
-        time.sleep(0.005)
-        opened.look()
-    pids = opened.processes()
-    opened.client.leave()
-    wait_until(lambda: all(map(gone, pids)))
-    assert read_recording(trial(setup, run)).outcome["status"] == "stopped"
-    session = Session.resume(setup.data_dir, "01", sync=False)
-    assert cell(session.next_planned()) == cell(session.rows[-1])
-    session.close()

@@ -16,6 +16,8 @@ from waiting import wait_until
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
+from experiments.store.cells import cell
+from experiments.store.session import Session
 
 JOINTS = range(tick_log.CURRENT, tick_log.CURRENT + 4)
 
@@ -111,3 +113,19 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
     assert unfinished(setup.data_dir) == ("01",)
     window.client.send(m.Open("01", resume=True))
     assert window.until_stage(m.READY).rows[-1].run == run
+
+
+def test_a_trial_by_pointer_ends_with_its_window_and_comes_again(setup: Setup, window: Window) -> None:
+    snapshot = window.start()
+    hand = SyntheticHand(snapshot.running.segment, snapshot.tip)
+    while (now := window.rows[-1])[tick_log.PHASE] < tick_log.MOVE:
+        window.client.ring.aim(*hand((now[tick_log.TIP_X], now[tick_log.TIP_Y]), int(now[tick_log.PHASE]), 0.005))
+        time.sleep(0.005)
+        window.look()
+    pids = window.processes()
+    window.client.leave()
+    wait_until(lambda: all(map(gone, pids)))
+    assert window.recording(snapshot.running.run).outcome["status"] == "stopped"
+    session = Session.resume(setup.data_dir, "01", sync=False)
+    assert cell(session.next_planned()) == cell(session.rows[-1])
+    session.close()

@@ -87,26 +87,26 @@ class BoardSession:
 
         wait_until(still)
 
-    def begin(self, whole: bool = False) -> int:
-        """A trial; its run. whole: it goes to its end; else it is in its movement now and stays there, for the operator
-        turns round half-way, again and again, and currents flow.
+    def begin(self) -> int:
+        """A trial; its run. It is in its movement now and stays there, for the operator turns round half-way, again and
+        again, and currents flow.
         """
         window = self.window
         for _ in range(MOST_TRIES):
             self.make_ready()
-            while not whole and window.snapshot.coming.controller not in BRAKING:
+            while window.snapshot.coming.controller not in BRAKING:
                 coming = window.snapshot.coming
                 window.client.send(m.Skip("the brakes may never act"))
                 window.until(lambda s, before=coming: s.coming != before)
             path = window.opened.protocol.paths[window.snapshot.coming.segment]
-            self.emulated.order(path=msgspec.to_builtins(path if whole else half(path)))
+            self.emulated.order(path=msgspec.to_builtins(half(path)))
             window.ticks.clear()
             before = window.snapshot.notice
             window.client.send(m.Start())
             window.within(STARTS_S, lambda s, old=before: s.stage == m.RUNNING or s.notice_bad and s.notice != old)
             if window.snapshot.stage == m.RUNNING:
                 run = window.snapshot.running.run
-                if whole or self._in_movement():
+                if self._in_movement():
                     return run
         raise AssertionError(f"no trial comes to its movement; the last was {window.snapshot}")
 
