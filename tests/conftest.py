@@ -127,13 +127,6 @@ def concluded() -> Iterator[None]:
         yield
 
 
-@pytest.fixture
-def pictured() -> Iterator[None]:
-    """Studies draw their box plots, and compute no error bars."""
-    with conclusions.pictures():
-        yield
-
-
 @pytest.fixture(params=FIXED, ids=_name)
 def five_bar(request: pytest.FixtureRequest) -> FiveBar:
     """The two shipped devices and the two bench devices."""
