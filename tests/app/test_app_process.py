@@ -14,9 +14,8 @@ import waiting
 from processes import children, gone
 from protocols import PAPER, changed
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QMessageBox
+from PySide6.QtWidgets import QApplication
 from refusals import refusal
 from screens import point
 from synthetic_hand import SyntheticHand
@@ -24,7 +23,6 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.client import Client
 from app.ipc.messages import Setup
-from app.window.program import show_refusal
 from app.window.run.trial_card import NO_FLAGS
 from app.window.widgets.page import RUN
 from app.window.windows import Windows
@@ -147,18 +145,6 @@ def test_what_cannot_be_recorded_is_refused_and_no_window_stays(tmp_path: Path, 
     assert "data: is a file" in refusal(capsys, "run", "--data-dir", tmp_path / "data")
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]
     assert not any(window.isVisible() for window in qapp.topLevelWidgets())
-
-
-@pytest.mark.parametrize(("terminal", "system", "boxes"), [(False, "posix", 1), (True, "posix", 0), (True, "nt", 1)])
-def test_a_refusal_is_shown_in_a_box_where_no_terminal_shows_it(monkeypatch, capsys, terminal, system, boxes) -> None:
-    shown = []
-    monkeypatch.setattr(QMessageBox, "critical", lambda *text: shown.append(text))
-    monkeypatch.setattr(QGuiApplication, "platformName", lambda: "xcb")
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    monkeypatch.setattr(os, "name", system)
-    show_refusal("data: cannot be written to")
-    monkeypatch.undo()
-    assert shown == boxes * [(None, "PHD cannot start", "Data: cannot be written to.")]
 
 
 def test_a_screen_that_does_not_answer_is_one_sentence_and_exit_2(tmp_path):

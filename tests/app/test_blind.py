@@ -19,7 +19,7 @@ from experiments.store.database import DATABASE
 from experiments.store.files import write_pooled_table
 from experiments.store.journal import KEY_OPENED, UNBLINDED, read_events
 from experiments.store.recording import read_recording
-from experiments.store.session import Participant, Session
+from experiments.store.session import Session
 from experiments.store.stored import read_stored
 from experiments.store.verify import verify
 from experiments.study.analyze import analyze
@@ -175,15 +175,3 @@ def test_analysis_that_opens_the_key_says_who_did_it_and_leaves_the_tables_coded
     assert all(path.read_bytes() == content for path, content in tables)
     assert verify(data)["faults"] == []
     assert (tmp_path / "out" / "report" / "findings.csv").exists()
-
-
-def test_a_simulated_operator_is_never_blind_unless_asked(tmp_path):
-    session = Session(tmp_path, Participant("01"), short(blind="true"), sync=False)
-    assert session.blind and len(read_stored(session.folder).key) == 5
-    session.close()
-    from protocols import PEOPLE
-
-    from experiments.study.study import run_study
-
-    run_study(tmp_path / "study", 1, short(paths=1, blind="true"), PEOPLE)
-    assert all(isinstance(row.controller, int) for row in read_rows(tmp_path / "study" / "trials.csv"))

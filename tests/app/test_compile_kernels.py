@@ -5,13 +5,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 from protocols import short
 
 from app.compile_kernels import compiled
-from app.progress import watch_compiling
-from core.kernels.cache import LINKING, watchers
 
 SCENE = Path(__file__).parents[2] / "experiments" / "scenes" / "locked-brake.toml"
 #: Prints in its last line what this process compiles, then what it looks for on disk (name and checksum of the types
@@ -106,21 +103,3 @@ def test_what_cannot_be_compiled_is_one_sentence(capsys) -> None:
 
     assert compiled(compile_trials) == 1
     assert capsys.readouterr().err == "phd: compile_trials: TypeError: no such number\n"
-
-
-def test_on_a_terminal_a_bar_says_which_of_how_many_kernels(monkeypatch, capsys) -> None:
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    clock = SimpleNamespace(perf_counter=iter((0.0, 1.0, 1.5, 2.0, 3.0, 3.5)).__next__)
-    monkeypatch.setattr("app.progress.time", clock)
-    compiling = watch_compiling()
-    try:
-        watchers[0](3, 6, "drag")
-        assert f"[{'.' * 30}] 3 of 6" in capsys.readouterr().err  # the bar of few would go back for the many
-        watchers[0](45, 156, "advance_event")
-        assert "45 of 156" in capsys.readouterr().err
-        watchers[0](156, 156, LINKING)
-        assert "[###############...............] linking" in capsys.readouterr().err
-        watchers[0](0, 0, "")
-        assert capsys.readouterr().err == "\r\033[K" and compiling.seconds == 2.5
-    finally:
-        watchers.clear()

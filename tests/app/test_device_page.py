@@ -6,14 +6,12 @@ from pathlib import Path
 import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from page_driver import PageDriver, texts
-from PySide6.QtCore import Qt
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 
 from app.ipc import messages as m
 from app.window.device.device_page import SIMULATED, DevicePage
-from app.window.device.device_view import FOLLOWS, STANDS, UNHOMED
+from app.window.device.device_view import FOLLOWS
 from app.window.device.figures import RECENT_S, Rates, counters_of, quantisation, readiness, worth_a_look
-from app.window.widgets import theme
 
 DEVICE = next(device for device in DEVICES if device.name == "four-brake")
 
@@ -137,22 +135,6 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
     gentle = {n: one._replace(values=tuple(0.001 * value for value in one.values)) for n, one in PRESETS.items()}
     show(page, opened(protocol=paper(controllers=gentle), **ON_BENCH), ready(3, checks=WELL))
     assert "can be felt" not in texts(page) and "too little to be felt" in texts(page)
-
-
-def test_the_device_is_drawn_as_its_encoders_have_it_in_its_jig_before_and_not_at_all_once_it_is_lost(
-    page: DevicePage,
-) -> None:
-    assert page.view.isVisible() and page.view.tip == status().tip and page.view.caption.text() == FOLLOWS
-    page.view.grab()
-    assert theme.pen(theme.COLOURS.accent, 2.0).style() == Qt.PenStyle.SolidLine, "dashes of the jig in others' lines"
-    page.show_pulse(told(status(device="three-brake")))
-    assert page.view.instant.device.name == "three-brake", "another device with its handle at the same place"
-    page.show_pulse(told(status(homed=False, tip=(math.nan, math.nan))))
-    assert page.view.isVisible() and page.view.tip != status().tip and page.view.caption.text() == UNHOMED
-    page.show_snapshot(running(3))
-    assert page.view.caption.text() == STANDS
-    page.show_pulse(told(status(problem="no sample for 200 ms")))
-    assert page.view.instant is None and page.view.tip is None and not page.view.caption.text()
 
 
 def test_of_hardware_that_reports_no_state_nothing_is_claimed_but_that_it_is_there() -> None:

@@ -89,25 +89,3 @@ def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(tmp_path, monke
     monkeypatch.setattr("core.kernels.cache.tempfile.TemporaryFile", full)
     line = doctor.kernels()
     assert line.state == CAUTION and "No space left on device" in line.text and "Make room" in line.advice
-
-
-@pytest.mark.parametrize(
-    ("states", "first"),
-    [
-        ({}, ""),
-        ({"kernels": CAUTION, "screens": CAUTION}, ""),  # neither makes ticks late
-        ({"load": CAUTION}, "load"),
-        ({"load": CAUTION, "scheduling": CAUTION}, "scheduling"),
-        ({"scheduling": CAUTION, "cores": CAUTION}, "cores"),
-        ({"cores": CAUTION, "host": CAUTION, "scheduling": CAUTION}, "host"),
-        ({"host": CAUTION, "libraries": BAD}, "libraries"),
-    ],
-)
-def test_one_change_is_named_that_helps_most(states: dict[str, str], first: str) -> None:
-    names = ("libraries", "screens", "scheduling", "cores", "host", "load", "kernels")
-    checks = [Check(name, states.get(name, GOOD), "so", f"Mend {name}." if name in states else "") for name in names]
-    most = doctor.first_change(checks)
-    if first:
-        assert (most.state, most.text, most.advice) == (CAUTION, f"what helps most: {first}", f"Mend {first}.")
-    else:
-        assert (most.state, most.advice) == (GOOD, "")

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from fake_ticks import ACROSS, ALONG, TIP, quiet
-from PySide6.QtCore import QPointF
 
 from app.window.canvas.layers import (
     OFF,
@@ -75,15 +74,6 @@ def workspace(qtbot) -> Workspace:
     workspace = shown(qtbot, workspace_of(THREE, FOUR))
     workspace.view.show_trial(FOUR, ALONG, TIP)
     return workspace
-
-
-def test_metres_and_pixels_are_each_others_inverse_and_true_to_scale(plane: Plane) -> None:
-    for place in ((-0.1, 0.4), (0.03, 0.42), (0.0, 0.39)):
-        assert plane.to_plane(plane.to_screen(place)) == pytest.approx(place, abs=1e-12)
-    a, b, c = (plane.to_screen(place) for place in ((0.0, 0.3), (0.1, 0.3), (0.0, 0.4)))
-    assert b.x() - a.x() == pytest.approx(a.y() - c.y()) == pytest.approx(0.1 * plane.scale)
-    corner = plane.to_plane(QPointF(plane.width() + 900.0, -900.0))
-    assert corner == plane.to_plane(QPointF(plane.width(), 0.0)), "it stays inside what is drawn"
 
 
 @BOTH
@@ -185,10 +175,6 @@ def test_the_field_of_a_tick_is_read_from_its_row_and_found_again_from_its_place
         if memory[PIECE] == nearest_piece(ready, *tip):
             assert field_at_rest(ready, tip, memory[TRAVEL]) == pytest.approx(field, abs=1e-9)
     assert senses == {-1.0, 1.0}
-
-
-def test_where_the_controller_did_not_decide_a_tick_has_no_field() -> None:
-    assert field_of(np.full(tick_log.WIDTH, math.nan)) is None
 
 
 def test_arms_keep_their_lengths_and_end_at_the_tip_or_are_not_there() -> None:

@@ -106,31 +106,6 @@ def test_samples_come_at_1_khz_with_nothing_lost_or_damaged(emulated: Emulated, 
     assert truth["frames"]["bad_crc"] == 0
 
 
-def test_currents_reach_the_brakes_and_the_hand_feels_them(emulated: Emulated, link: SerialDevice) -> None:
-    run(link, 20)
-    start = emulated.order()["tip_m"]
-    emulated.order(target=[-0.05, 0.40])
-    until(link, lambda: math.dist(emulated.order()["tip_m"], (-0.05, 0.40)) < 0.02)
-    free = emulated.order()["tip_m"]
-    assert math.dist(free, start) > 0.02
-    end = time.perf_counter() + LONG_S
-    while True:
-        assert time.perf_counter() < end, "the board never had its currents for long enough"
-        emulated.order(target=free)
-        forget(link)
-        run(link, 300, (1.0,) * 4)
-        free = emulated.order()["tip_m"]
-        emulated.order(target=[free[0], free[1] + 0.03])
-        held = run(link, 500, (1.0,) * 4)[-1]
-        truth = emulated.order()
-        if not held.fault and truth["currents_mA"] == [1000] * 4:
-            break
-        assert held.fault in ("", LATE)  # this machine was held up: the board did right
-    assert math.dist(held.tip, free) < 0.01, "the full lock gave way"
-    assert math.hypot(*held.hand_force) > 3.0
-    emulated.order(target=[-0.10, 0.40])
-
-
 @on_both
 def test_an_unplugged_board_is_noticed_safe_and_back(emulated: Emulated, link: SerialDevice) -> None:
     run(link, 50, SOME)
@@ -238,11 +213,3 @@ def test_every_kind_of_fault_can_be_asked_for() -> None:
         fault = read_fault(f"{kind}{value}@2+3", now_s=10.0)
         assert fault.kind == kind and (fault.start_s, fault.end_s) == (12.0, 15.0)
         assert math.isinf(read_fault(kind + value).end_s)
-
-
-def test_it_says_first_which_scheduling_it_got_and_leaves_a_core_to_the_control_loop(emulated: Emulated) -> None:
-    lines = emulated.log.read_text().splitlines()
-    first = next(line for line in lines if not line.startswith("compiling kernels"))  # on a machine that has none yet
-    assert "scheduling " in first and "orders to " in first
-    if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
-        assert max(os.sched_getaffinity(0)) not in os.sched_getaffinity(emulated.process.pid)

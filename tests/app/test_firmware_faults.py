@@ -1,13 +1,8 @@
 """A trial over the board in C on an emulated Cortex-M4, and the worst that can come to it in a movement: how many ticks
-until the currents are zero, that it is told and that nothing is lost; and a few whole trials, byte for byte.
-
-As a script it prints the ticks, on the whole image with --image. The 60 trials of the paper's session:
-`python -m tests.benchmarks.firmware_session`.
+until the currents are zero, that it is told and that nothing is lost; and a whole trial, byte for byte.
 """
 
 import re
-import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,11 +11,20 @@ import pytest
 import simulated_bench
 from fault_cases import Case, Place
 from fault_kinds import HARD, LATE, SILENT, Fault
-from firmware_board import Image, Pipe, firmware_boards
-from reference_board import made, on_a_cortex_m4
+from firmware_board import Pipe, firmware_boards
+from reference_board import on_a_cortex_m4
 
+from core import tick_log
+from experiments.protocol import load_protocol
+from experiments.recording import Sensors
+from experiments.store import files
+from experiments.store.session import Participant, Session
+from experiments.trial.population import load_population
+from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.board import Board
-from tests.benchmarks.firmware_session import differing, run_session
+from hardware.serial_device import SerialDevice
+from tests.benchmarks.board_bench import settings
+from tests.benchmarks.board_trials import ALL, BoardInStep, Setting, exchanged
 
 BOARD_MS, AGAIN_S = 50, 2.0
 NOISE = np.random.default_rng(30).bytes(50_000)
@@ -75,23 +79,50 @@ def test_the_currents_are_zero_in_time_and_as_soon_as_on_the_python_board(fault,
     like.close()
 
 
-def test_whole_trials_leave_the_same_bytes(tmp_path: Path, running: Pipe) -> None:
+def run_session(folder: Path, board: type[Board], trials: int) -> Path:
+    """The first trials of a participant's session over boards of this kind; its folder."""
+    protocol = load_protocol()
+    coming = settings(protocol)[:trials]
+    population = load_population()
+    session = Session(folder, Participant("01", operator=coming[0].person, population=population.operators), protocol,
+                      sync=False)  # fmt: skip
+    try:
+        for setting in coming:
+            one_trial(session, setting, board)
+    finally:
+        session.close()
+    return session.folder
+
+
+def one_trial(session: Session, setting: Setting, board: type[Board]) -> None:
+    """A trial from its first tick to its row."""
+    operator = setting.operator()
+    bench = BoardInStep(setting.device, operator, setting.start, ALL, board)
+    link = SerialDevice(setting.device, bench.name, clock=bench.now, open_port=lambda name: bench)
+    link.open()
+    link.home(setting.start)
+    trial, writer = session.begin(setting.planned, Sensors(link.encoders, link.force_channels))
+    assert isinstance(trial, RealTrial)
+    with writer:
+        trial.connect(link)
+        bench.begin()
+        for rows in exchanged(trial, operator, lambda: bench.ticks):
+            writer.write(np.array(rows).reshape(-1, tick_log.BENCH_WIDTH))
+        session.finish(trial, writer)
+    link.close()
+
+
+def differing(one: Path, other: Path) -> list[str]:
+    """The files of recordings and table that are not the same in both sessions, byte for byte."""
+    names = sorted(str(file.relative_to(one)) for file in [*(one / files.TRIALS).iterdir(), one / files.TABLE])
+    there = sorted(str(file.relative_to(other)) for file in [*(other / files.TRIALS).iterdir(), other / files.TABLE])
+    assert names == there
+    return [name for name in names if (one / name).read_bytes() != (other / name).read_bytes()]
+
+
+def test_a_whole_trial_leaves_the_same_bytes(tmp_path: Path, running: Pipe) -> None:
     sessions = [
-        run_session(tmp_path / kind, board, 2)
+        run_session(tmp_path / kind, board, 1)
         for kind, board in (("python", Board), ("firmware", firmware_boards(lambda: running)))
     ]
     assert differing(*sessions) == []
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        processor = Image(made("plant-f405.elf")) if "--image" in sys.argv else Pipe(on_a_cortex_m4())
-        there = Place.make(folder)
-        for fault in FAULTS:
-            case = in_a_movement(there, fault, firmware_boards(lambda: processor))
-            ticks, words = case.zero_ms if fault.board else "-", case.words.partition(": ")[2]
-            print(f"| {fault.name} | {ticks} | {words or 'nothing: it goes on'} |", flush=True)
-            case.close()
-        there.session.close()
-        processor.close()

@@ -15,7 +15,7 @@ from status_messages import ON_BENCH, WELL
 
 from app.ipc import messages as m
 from app.window.home.home_page import BOARD, SIMULATED, HomePage
-from app.window.widgets.page import ANALYSE, RUN, TRY
+from app.window.widgets.page import ANALYSE, RUN
 from app.window.widgets.parts import Segments
 from experiments.inputs import MOUSE, OPERATOR
 from experiments.protocol import PAPER, load_protocol
@@ -158,34 +158,6 @@ def test_each_session_of_the_folder_leads_to_what_comes_of_it(shown: Shown) -> N
     page.show_snapshot(ready(3))
     press("Close", session(folder, "01", 3))
     assert shown.pages[2:] == [(RUN, m.Leave())] and len(shown.sent) == 1, "Run asks first"
-
-
-#: done trials of the sessions in the folder (the newest first), the open session -> the main button, what it does
-NEXT = {
-    "a first visit": ((), "", "Try it", lambda shown: shown.pages == [(TRY, None)]),
-    "a session was left": ((14, 60), "", "Resume session", lambda shown: shown.sent == [m.Open("01", resume=True)]),
-    "the newest is done": ((60, 14), "", "Start session   03 · 60 trials", lambda shown: shown.sent == [m.Open("03")]),
-    "a session is open": ((14,), "01", "Go to the session", lambda shown: shown.pages == [(RUN, None)]),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", NEXT, ids=lambda case: case.replace(" ", "-"))
-def test_one_button_is_the_main_one_and_does_what_comes_next(shown: Shown, case: str) -> None:
-    (done, is_open, words, happened), page = NEXT[case], shown.page
-    for number, _ in enumerate(done, start=1):
-        (shown.setup.data_dir / f"sub-0{number}" / "ses-01").mkdir(parents=True)
-    shown.look(*(session(shown.setup.data_dir, f"0{n}", trials) for n, trials in enumerate(done, start=1)))
-    for participant in ("09", ""):  # a session of somebody else ends: who comes next?
-        page.show_opened(opened(participant))
-    shown.wait()
-    if is_open:
-        page.show_opened(opened(is_open))
-        page.show_snapshot(ready(3))
-    settle(page)
-    main = [button for button in page.findChildren(QPushButton) if button.isVisible() and button.objectName() == "main"]
-    assert [button.text() for button in main] == [words]
-    shown.click(main[0])
-    assert happened(shown)
 
 
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:

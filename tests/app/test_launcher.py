@@ -310,33 +310,5 @@ def test_everything_the_project_needs_is_pinned_and_installed_as_pinned() -> Non
         assert need.specifier == f"=={pins()[canonicalize_name(need.name)]}"
 
 
-def test_the_kernels_can_be_compiled_with_what_the_set_up_installs_first() -> None:
-    """Everything else cannot be imported here."""
-    waiting, there = list(set_up.KERNEL_PACKAGES), {"phd"}
-    while waiting:
-        name = canonicalize_name(waiting.pop())
-        if name not in there:
-            there.add(name)
-            needs = [Requirement(text) for text in metadata.requires(name) or []]
-            waiting += [need.name for need in needs if not need.marker or need.marker.evaluate({"extra": ""})]
-    owners = metadata.packages_distributions()
-    others = {module for module, of in owners.items() if not there & {canonicalize_name(one) for one in of}}
-    assert {"matplotlib", "PySide6", "msgspec", "numba"} & others == {"matplotlib", "PySide6"}
-    code = f"""
-import sys
-class Missing:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {others!r}:
-            raise ModuleNotFoundError(name)
-sys.meta_path.insert(0, Missing())
-from app.compile_kernels import compile_board, compile_loop, compile_scene, compile_trials
-compile_trials()
-compile_scene()
-compile_board()
-compile_loop()
-"""
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=280)
-
-
 def test_qt_is_one_of_the_two_versions_that_keep_their_references() -> None:
     assert pins()["pyside6-essentials"] in ("6.8.3", "6.9.3")

@@ -1,6 +1,5 @@
 """A live trial and its recording when the disk fails or falls behind: the loop is a process, the rest is here."""
 
-import pickle
 import threading
 import time
 from pathlib import Path
@@ -9,13 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from numba import typeof
 from recorded import new_session_database
 from waiting import LONG_S, wait_until
 
-from app.ipc.messages import CheckTiming, RunTrial, TimingChecked
+from app.ipc.messages import CheckTiming, TimingChecked
 from app.ipc.ring import Ring
-from app.loop.loop import stopped_trial
 from app.loop.real_time import ROOM
 from app.session_server.loop_process import LoopProcess
 from app.session_server.recorder import Recorder
@@ -195,8 +192,3 @@ def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
     process.send(CheckTiming(30))
     tried = answer_of(ring, process)
     assert isinstance(tried, TimingChecked) and tried.lateness_us.shape == (30,) and tried.lateness_us.min() >= 0.0
-
-
-def test_a_trial_that_comes_out_of_the_pipe_needs_no_new_kernel(loop) -> None:
-    sent = pickle.loads(pickle.dumps(RunTrial(new_one(SOMEBODY)))).trial.arguments()
-    assert typeof(sent) == typeof(stopped_trial().arguments())

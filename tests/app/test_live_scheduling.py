@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ from processes import children
 
 from app.ipc.scheduling import leave_core, program_cores
 from app.loop.clock import SPIN_NS, new_timer, now_ns, sleep_until
-from app.verbs.loop_lateness import cpu_load, measure
+from app.verbs.loop_lateness import measure
 
 ROOT = Path(__file__).resolve().parents[2]
 ASK = """
@@ -79,18 +78,3 @@ def test_a_wait_never_ends_before_its_deadline(ahead_ns: int) -> None:
     deadline = now_ns(timer) + ahead_ns
     woken = sleep_until(deadline, timer)
     assert deadline <= woken <= now_ns(timer)
-
-
-@linux
-def test_a_busy_process_beside_the_loop_may_run_on_every_core_as_a_foreign_one() -> None:
-    leave_core(max(program_cores()))
-    before = set(children(os.getpid()))
-    try:
-        with cpu_load(1):
-            (hog,) = set(children(os.getpid())) - before
-            deadline = time.perf_counter() + 120.0
-            while (cores := os.sched_getaffinity(hog)) != program_cores():
-                assert time.perf_counter() < deadline, cores
-                time.sleep(0.02)
-    finally:
-        leave_core(-1)

@@ -58,12 +58,6 @@ def editing(qtbot, monkeypatch):
     return Editing(qtbot)
 
 
-def test_what_is_typed_is_read_at_once_and_the_plan_follows(editing: Editing) -> None:
-    editing.put("blocks = 3", "blocks = 2")
-    editing.read("= 40 trials")
-    assert editing.editor.plan.toPlainText().startswith("participants"), "what the summary says is not said again"
-
-
 MISTAKES = {  # what is put in place of what, what is said then, and the line that is marked
     "no blocks": ("blocks = 3", "blocks = 0", "blocks must be at least 1, not 0", "blocks = 0"),
     "no value": ("blocks = 3", "blocks = ", "what stands behind = is missing", "blocks = "),

@@ -298,16 +298,6 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
         assert says in read(screens.main) and press(screens, "Space") == sent
 
 
-def test_a_failed_session_is_started_again_and_resumed_by_a_button(screens: Screens) -> None:
-    asked = []
-    screens.run.setup_asked.connect(lambda *about: asked.append(about))
-    screens.hear(opened(), ready(9, stage=m.FAILED, notice="The loop cannot be started.", notice_bad=True))
-    screens.main.blockSignals(True)  # no other server is started
-    screens.run.cards.notice.buttons[0].click()
-    screens.main.blockSignals(False)
-    assert asked == [(None, m.Open("01", resume=True))]
-
-
 def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_front_meanwhile(screens: Screens) -> None:
     rows = movement(PLAN[0].segment, "AEB", 1.5)
     rows[200, tick_log.LATENESS_US] = 2.0 * tick_log.MISSED_US
@@ -381,21 +371,6 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
     screens.hear(opened(""), before())
     assert not view.trail and not len(view.outline) and view.tip is None and not strip.ledger.began
     assert not any(len(trace.t) for trace in (live.error, live.force, strip.speed, strip.currents, strip.timing))
-
-
-def test_another_device_has_no_numbers_of_the_trial_before_and_after_a_break_the_next_path_is_shown(screens) -> None:
-    screens.hear(opened(), runs(29))
-    screens.tick(movement(PLAN[29].segment, "AEB", 1.3))
-    view = screens.run.workspace.view
-    assert any(doing.torque for doing in view.doing.values())
-    screens.hear(ready(30, stage=m.RERIG))
-    assert PLAN[29].configuration != PLAN[30].configuration == view.instant.device.name
-    assert view.title == "" and not any(doing.torque for doing in view.doing.values())
-    screens.hear(ready(22, stage=m.BREAK, card=LONG_BREAK))
-    theirs = screens.participant.view
-    assert theirs.path is None and theirs.tip is None
-    screens.hear(ready(22))
-    assert theirs.path == opened().protocol.paths[PLAN[22].segment] and theirs.tip is not None
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:

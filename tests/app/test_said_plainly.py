@@ -170,9 +170,6 @@ def test_what_is_no_picture_is_refused_in_one_sentence_without_reading_it(tmp_pa
     assert "mine.toml: instruction: picture: " in said and why.lower() in said.lower()
 
 
-# ------------------------------------------------------------------------------------------------- what is repeated
-
-
 # -------------------------------------------------------------------------------------------- a tree of somebody else's
 
 
@@ -218,14 +215,6 @@ def as_anybody(*arguments: str) -> subprocess.CompletedProcess:
         pytest.skip("root may do everything")
     command = [*(AS_ANYBODY if os.geteuid() == 0 else ()), sys.executable, "-m", "app.cli", *arguments]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-
-
-@posix
-@pytest.mark.parametrize("verb", [("analyze",), ("export", "--csv", "out")], ids=lambda verb: verb[0])
-def test_a_folder_that_may_not_be_read_is_not_said_to_be_empty(tmp_path, verb):
-    (tmp_path / "theirs").mkdir(mode=0o300)
-    done = as_anybody(verb[0], str(tmp_path / "theirs"), *verb[1:])
-    assert (done.returncode, done.stderr) == (2, f"phd: {tmp_path}/theirs: permission denied\n")
 
 
 @posix

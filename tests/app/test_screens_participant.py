@@ -99,12 +99,6 @@ def test_where_a_force_sensor_is_the_hand_the_pointer_is_none(screens: Screens) 
     assert screens.client.aimed == []
 
 
-def test_closing_the_participants_window_is_closing_the_app_and_asks(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    screens.participant.close()
-    assert screens.main.cards.question is not None and not screens.client.stopped
-
-
 def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens: Screens) -> None:
     screens.hear(opened(), ready(10, stage=m.QUESTIONS))
     questions = screens.participant.questions

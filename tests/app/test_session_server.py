@@ -27,13 +27,6 @@ def window(tmp_path_factory: pytest.TempPathFactory):
         yield opened
 
 
-def test_a_bench_before_its_session_says_what_the_protocol_is_and_that_everything_is_well(window: Window) -> None:
-    assert window.opened.participant == "01" and len(window.opened.plan) == 60
-    assert {check.name for check in window.snapshot.checks} >= {"Device", "Hand", "Loop", "Disk", "Recording"}
-    assert not {check.state for check in window.snapshot.checks} & {m.BAD, m.WAITING}
-    assert window.snapshot.coming == window.opened.plan[0]
-
-
 def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     run = window.start().running.run
     snapshot = window.abort("the participant asked")

@@ -4,24 +4,15 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from protocols import PAPER, PEOPLE
-from sessions import run
 from waiting import wait_until
 
 from app import doctor
 from app.ipc.messages import BAD, CAUTION, GOOD, WAITING
 from app.session_server import preflight
-from app.session_server.preflight import SYNCS_TO_END, SYNCS_TO_START, DiskWatch, check_disk
-from app.session_server.session_progress import SessionProgress
-from app.session_server.storage import Storage
-from experiments.store.database import Database
-from experiments.store.session import Participant, Session
+from app.session_server.preflight import DiskWatch, check_disk
 
 
 class Clock:
@@ -53,27 +44,6 @@ def test_the_disk_is_measured_as_a_session_waits_for_it_and_what_that_means_is_s
     assert found.state == state and says in found.advice and ("local disk" in found.advice) == (state != GOOD)
     assert doctor.check_disk is check_disk  # one rule
     assert not any(tmp_path.iterdir())
-
-
-def test_a_start_and_an_end_wait_for_as_many_writes_as_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = Session(tmp_path / "data", Participant("01", operator=PEOPLE.draw(np.random.default_rng(3))), PAPER)
-    storage = Storage(SimpleNamespace(run=None), lambda *_, **__: None)
-    storage.set_session(SessionProgress(session))
-    syncs: list[object] = []
-    monkeypatch.setattr(os, "fsync", syncs.append)
-    commit = Database.commit
-    monkeypatch.setattr(Database, "commit", lambda self: (syncs.append(self) if self.pending else None, commit(self)))
-    (session.folder / "trials").mkdir()
-    trial, writer = session.begin(planned := session.next_planned())
-    assert len(syncs) == SYNCS_TO_START
-    run(trial, writer, piece=10**6)
-    syncs.clear()
-    finish = partial(session.finish, trial, writer)
-    storage.store_trial(SimpleNamespace(
-        planned=planned, trial=trial, recorder=SimpleNamespace(writer=writer), finish=lambda _: finish(), again="never"
-    ))  # fmt: skip
-    assert len(syncs) == SYNCS_TO_END and not storage.not_written
-    session.close()
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from app.ipc.messages import Setup
 from core import tick_log
 from core.tick_log import TICK_S
 
-PASSES = 3  # of each controller
+PASSES = 2  # of each controller
 SPEED_M_S, TO_START_M_S, ASIDE_M, SWINGS = 0.08, 0.08, 0.01, 2.0
 PULL_PER_S = 4.0  # at which the pointer goes beyond the start while the handle is short of it
 FELT_N = 0.5
@@ -70,8 +70,8 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
 
 @pytest.fixture(autouse=True)
 def mouse_reports(monkeypatch):
-    """The pointer moves 125 times a second."""
-    monkeypatch.setattr(simulated_loop, "PIECE", 8)
+    """The pointer moves 50 times a second."""
+    monkeypatch.setattr(simulated_loop, "PIECE", 20)
 
 
 def felt(

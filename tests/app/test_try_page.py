@@ -162,17 +162,6 @@ def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_by_key_where
     assert (held.last().controller, held.last().values) == (5, {"gap_m": 0.0, "gain_N_s_m": 500.0})
 
 
-def test_a_slider_sends_its_newest_value_a_few_times_a_second(held: Held) -> None:
-    slider, count = held.page.controls.dials["spring_N_m"].slider, len(held.sent)
-    for place in range(20, 60):
-        slider.setValue(place)
-    assert (
-        held.last().spring_N_m == held.page.controls.dials["spring_N_m"].dial.value_at(59)
-        and len(held.sent) == count + 1
-    )
-    assert held.page.controls.dials["spring_N_m"].value.text() == "1\u202f500 N/m"
-
-
 @pytest.mark.parametrize("dial", [*map(Dial.of, PARAMETERS.values()), *DIALS], ids=lambda dial: dial.name)
 def test_every_place_of_a_slider_is_a_value_that_has_this_place(dial) -> None:
     places = range(dial.slider_position(dial.most) + 1)

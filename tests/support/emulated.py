@@ -1,7 +1,6 @@
 """`phd emulate` as a program of its own, and orders to it."""
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -14,12 +13,6 @@ from hardware.emulated_board.plug import LOOPBACK, emulated_ports
 ROOT = Path(__file__).resolve().parents[2]
 
 
-#: With EMULATED_FIRMWARE=1 in the environment the board in C on an emulated Cortex-M4 stands in the board's place.
-PROGRAM = (
-    ("tests/support/emulated_firmware.py",) if os.environ.get("EMULATED_FIRMWARE") else ("-m", "app.cli", "emulate")
-)
-
-
 class Emulated:
     """A running `phd emulate`."""
 
@@ -27,7 +20,7 @@ class Emulated:
         self.log = folder / "log"
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
-                [sys.executable, *PROGRAM, *arguments],
+                [sys.executable, "-m", "app.cli", "emulate", *arguments],
                 cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True,
             )  # fmt: skip
         self.port = self.process.stdout.readline().strip()
