@@ -38,14 +38,15 @@ def angles(bar, joint: str, tips) -> np.ndarray:
 )
 def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scene):
     """1 ms steps against DOP853 on Eq. (5), which finds patterns by trial."""
-    times, torques = switching(bar, 0.3)
+    times, torques = switching(bar, 0.2)
     if scene != "switching":
         times, torques = ONCE, yields(bar, 0.3, **{scene[0]: 5.6})[None]
     wave = S4 if scene == "switching" else S1
-    expected = reference_tips(BenchScene(scene, bar.device, 0.3, wave, np.zeros(2), times, torques))
+    seconds = 0.2 if scene == "switching" else 0.3
+    expected = reference_tips(BenchScene(scene, bar.device, seconds, wave, np.zeros(2), times, torques))
     simulation = Simulation(bar.device, START, hand=wave_hand(wave))
     n = len(expected) - 1
-    rows = simulation.rows(n + 1, Schedule(times, torques), Grid(0, n, round(0.3 / n / 1e-3), 1e-3))
+    rows = simulation.rows(n + 1, Schedule(times, torques), Grid(0, n, round(seconds / n / 1e-3), 1e-3))
     error = np.linalg.norm(rows[:, 1:3] - expected, axis=1)
     assert error.max() < 1e-10
     assert np.linalg.norm(expected - START, axis=1).max() > 0.004

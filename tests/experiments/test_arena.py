@@ -47,10 +47,10 @@ def test_the_laws_of_every_controller_are_kept_on_every_display(kind):
 
 
 def chatter(kind, sensing):
-    """Chatter (1/s), mean of two people on every display and path."""
+    """Chatter (1/s), mean over every display and path."""
     assumed = replace(ARENA.assumptions, sensing=sensing)
     arena, found = replace(ARENA, assumptions=assumed, trial=replace(ARENA.trial, assumptions=assumed)), []
-    for number, device, segment in itertools.product((1, 2), arena.devices, arena.paths):
+    for number, device, segment in itertools.product((1,), arena.devices, arena.paths):
         person = person_of(load_population(), arena.seed, number)
         planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
         trial = trial_of(arena, person, number, planned, switched_on(device, arena), SHIPPED[kind])

@@ -253,7 +253,7 @@ def test_spread_is_the_mean_distance_of_a_persons_trials_from_the_line_in_the_bo
 
 
 def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
-    rows = study(people=9, noise=0.3)
+    rows = study(people=6, noise=0.3)
     data = study_data(rows, note="settled rules, parameters assumed")
     assert write_report(data, tmp_path / "a") == []
     paths = sorted((tmp_path / "a").iterdir())
@@ -268,7 +268,7 @@ def test_the_report_has_the_same_bytes_each_time_and_never_overwrites(tmp_path):
     for path in paths:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
     page = (tmp_path / "a" / "report.md").read_text()
-    assert "Settled rules, parameters assumed. 9 participants, 540 trials that count; all reached the end." in page
+    assert "Settled rules, parameters assumed. 6 participants, 360 trials that count; all reached the end." in page
     assert all(f"| {s.number} | {s.text} | **" in page for s in STATEMENTS)
     assert len(page) < 14_000  # two pages
     (against_none,) = [line for line in page.splitlines() if line.startswith("| three-brake | SDOF |")]

@@ -13,7 +13,7 @@ from experiments.protocol import load_protocol
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
 
-POPULATIONS, OPERATORS, TRIPLES = ("average", "from-device"), 6, 40
+POPULATIONS, OPERATORS, TRIPLES = ("average", "from-device"), 5, 30
 
 
 def shares_of(population: str, generator: np.random.Generator) -> np.ndarray:

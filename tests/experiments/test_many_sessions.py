@@ -13,7 +13,7 @@ from experiments.store.files import pooled_rows
 from experiments.store.overview import scan_folder
 from experiments.store.verify import verify
 
-FEW, MANY = 10, 40
+FEW, MANY = 5, 20
 COUNTED = {"open", "sqlite3.connect", "os.listdir", "os.scandir"}
 _seen: list[str] = []
 _is_counting = [False]

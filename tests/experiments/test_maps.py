@@ -37,7 +37,7 @@ def test_what_brakes_can_do_across_a_motion_is_that_of_linear_programming(name, 
     for x, y in poses(device, 3):
         pushes = pushes_of(device, np.array([x]), np.array([y]), as_acceleration)
         found = []
-        for angle in np.linspace(0.0, 2.0 * math.pi, 41):
+        for angle in np.linspace(0.0, 2.0 * math.pi, 21):
             direction = np.array([math.cos(angle), math.sin(angle)])
             found.append(on_the_lesser_side(pushes, direction))
             assert least_across(pushes, direction[:, None])[0] == pytest.approx(found[-1], abs=1e-9)

@@ -131,7 +131,7 @@ def test_a_path_out_of_reach_moves_to_the_middle_and_is_shortened_until_all_devi
     devices = load_protocol("paper").devices
     middle, generator = np.array([0.0, 0.4]), np.random.default_rng(1)
     moved = shortened = 0
-    for _ in range(40):
+    for _ in range(20):
         asked = dict(
             zip(("x_m", "y_m", "length_m", "angle_deg"), generator.uniform((-0.5, 0.1, 0.1, -90), (0.5, 0.7, 0.9, 90)),
                 strict=True)
@@ -143,7 +143,7 @@ def test_a_path_out_of_reach_moves_to_the_middle_and_is_shortened_until_all_devi
         assert angle == pytest.approx(asked["angle_deg"], abs=math.degrees(1e-6 / math.dist(start, end)))  # ends in um
         moved += not np.allclose((start + end) / 2, (asked["x_m"], asked["y_m"]), atol=1e-5)
         shortened += math.dist(start, end) < asked["length_m"] - 1e-5
-    assert moved > 10 and shortened > 5
+    assert moved > 5 and shortened > 2
     inside = within_reach(devices, {"x_m": 0.01, "y_m": 0.38, "length_m": 0.1, "angle_deg": 0.0}, middle)
     assert inside == pytest.approx(np.array([[-0.04, 0.38], [0.06, 0.38]]))
 
