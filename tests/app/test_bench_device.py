@@ -1,24 +1,18 @@
-"""What a board makes of a trial's measures, and which part of it the highest gain does not bear."""
+"""What a board makes of a trial's measures."""
 
 from experiments.protocol import load_protocol
-from tests.benchmarks.board_bench import settings
-from tests.benchmarks.board_trials import ALL, Setting, on_the_board, on_the_simulated_device
+from tests.benchmarks.board_bench import on_the_board, on_the_simulated_device, settings
 
-SETTINGS = settings(load_protocol(low_gain=5.0, sensing="ideal"))
 #: By which a trial of controllers 1, 3 and 5 on the board may differ from the simulated one (docs/bench.md).
 TOLERANCE = {"path_error_m": 0.05, "mean_tip_force_N": 0.01, "acceleration_dft_sum": 0.07, "duration_s": 0.01}
 
 
-def setting_of(configuration: str, controller: int) -> Setting:
-    """The first trial of a plan's cell."""
-    return next(
-        s for s in SETTINGS if (s.planned.configuration, s.planned.controller) == (configuration, controller)
-    )  # fmt: skip
-
-
 def test_a_board_changes_the_measures_by_less_than_the_stated_tolerance() -> None:
-    setting = setting_of("four-brake", 3)
-    (there, here), (status, board) = on_the_simulated_device(setting), on_the_board(setting, ALL)
+    trials = settings(load_protocol(low_gain=5.0, sensing="ideal"))
+    setting = next(
+        one for one in trials if one.planned.configuration == "four-brake" and one.planned.controller == 3
+    )  # fmt: skip
+    (there, here), (status, board) = on_the_simulated_device(setting), on_the_board(setting)
     assert status == there == "done"
     off = {name: abs(board[name] / here[name] - 1.0) for name in TOLERANCE}
     assert all(off[name] <= most for name, most in TOLERANCE.items()), off

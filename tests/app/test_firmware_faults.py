@@ -23,8 +23,7 @@ from experiments.trial.population import load_population
 from experiments.trial.real_trial import RealTrial
 from hardware.emulated_board.board import Board
 from hardware.serial_device import SerialDevice
-from tests.benchmarks.board_bench import settings
-from tests.benchmarks.board_trials import ALL, BoardInStep, Setting, exchanged
+from tests.benchmarks.board_bench import BoardInStep, Setting, exchanged, settings
 
 BOARD_MS, AGAIN_S = 50, 2.0
 NOISE = np.random.default_rng(30).bytes(50_000)
@@ -97,7 +96,7 @@ def run_session(folder: Path, board: type[Board], trials: int) -> Path:
 def one_trial(session: Session, setting: Setting, board: type[Board]) -> None:
     """A trial from its first tick to its row."""
     operator = setting.operator()
-    bench = BoardInStep(setting.device, operator, setting.start, ALL, board)
+    bench = BoardInStep(setting.device, operator, setting.start, board)
     link = SerialDevice(setting.device, bench.name, clock=bench.now, open_port=lambda name: bench)
     link.open()
     link.home(setting.start)

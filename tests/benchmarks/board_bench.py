@@ -1,111 +1,198 @@
-"""`python -m tests.benchmarks.board_bench [TRIALS]`: a session on the simulated device and over the board, and why the
-two differ.
+"""`python -m tests.benchmarks.board_bench [TRIALS]`: a session on the simulated device and, tick for tick alike, behind
+the board's protocol in simulated time.
 
-Every trial is run with the same person and the same noise: on the simulated device, and over the board with each of
-`board_trials.CASES`. A difference is that of a pair; shown is the median of a configuration's and controller's pairs.
+Every trial is run twice with the same person and the same noise. The chain behind the board is the real one: device,
+sensors, board, frames, link, filter, `Trial`. A difference is that of a pair; shown is the median of a configuration's
+and controller's pairs.
 """
 
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from experiments.analysis.metrics import Metrics
-from experiments.plan import make_plan
+from app.emulated_operator import EmulatedOperator
+from core import tick_log
+from core.device import Device
+from core.path import build_path
+from core.simulator.simulated_device import SimulatedDevice
+from experiments.analysis.metrics import Metrics, trial_metrics
+from experiments.plan import PlannedTrial, make_plan
 from experiments.protocol import Protocol, load_protocol
+from experiments.recording import recording_of
 from experiments.study.helpers import cores, process_pool
+from experiments.trial.operator import Person
 from experiments.trial.population import load_population
-from tests.benchmarks.board_trials import ALL, CASES, Setting, on_the_board, on_the_simulated_device
+from experiments.trial.real_trial import RealTrial
+from experiments.trial.trial import Conditions, SimulatedTrial, Trial
+from hardware.emulated_board.board import TICK_US, Board
+from hardware.emulated_board.device import EmulatedDevice, hello_of
+from hardware.serial_device import SerialDevice
 
 PARTICIPANT = 1
-AGAIN = "another trial"  # on the simulated device: how much two trials of one person differ by themselves
+LONGEST_TICKS = 120_000
 SHOWN = {
-    "path_error_m": "path error", "mean_tip_force_N": "tip force", "acceleration_dft_sum": "DFT",
-    "acceleration_weighted_rms_m_s2": "weighted rms", "sparc": "SPARC", "duration_s": "duration",
+    "path_error_m": "path error", "mean_tip_force_N": "tip force", "acceleration_dft_sum": "DFT", "sparc": "SPARC",
+    "duration_s": "duration",
 }  # fmt: skip
 
 
-def run_board(trials: int | None, progress: Callable[[float], None]) -> list[dict]:
-    """The first `trials` of a participant's plan (None: all); one entry for each."""
-    all_settings = settings(load_protocol(low_gain=5.0, sensing="ideal"))[:trials]
-    done = []
-    with process_pool(min(cores(), len(all_settings))) as pool:
-        for one in pool.map(compared, all_settings):
-            done.append(one)
-            progress(len(done) / len(all_settings))
-    return done
+class BoardInStep:
+    """The board's end and the wire: each read is one tick of the board, at which the commands of the last arrive."""
+
+    name = "bench"
+
+    def __init__(
+        self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], board: type[Board] = Board
+    ) -> None:
+        self.hand, self._operator = operator.hand, operator
+        self.board = board(hello_of(device, "SIMULATED"))
+        self.device = EmulatedDevice(device, self.board.hello, self, tip, seed=1)
+        self._sent = b""
+        self.ticks = self.not_taken = 0
+        self.moves = False  # before the trial, operator and device stand
+        self.read()  # kernels are compiled, or loaded, before a host waits for an answer
+
+    def begin(self) -> None:
+        """The trial begins, with the same noise however long it took to connect."""
+        self.device.sensors.draw_anew(1)
+        self.moves = True
+
+    def now(self) -> float:
+        """The time here, s."""
+        return TICK_US * 1e-6 * self.ticks
+
+    def read(self) -> bytes:
+        """A tick; what the board then says."""
+        self.ticks += 1
+        now_us, sent, self._sent = self.ticks * TICK_US, self._sent, b""
+        out = self.board.receive(sent, now_us)
+        out += self.board.tick(self.device.sense(self.board.currents, ()), now_us)
+        if self.moves:
+            self.device.advance(self.board.currents)
+        return out
+
+    def write(self, data: bytes) -> None:
+        """What the board hears at its next tick."""
+        self._sent += data
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def tick(self, x: float, y: float) -> None:
+        """The hand, which waits for the trial."""
+        if self.moves:
+            self._operator.tick(x, y)
+
+    def obey(self, order: dict) -> None:
+        """Nobody gives orders here."""
+
+
+class Setting(NamedTuple):
+    """One trial of a plan with one person."""
+
+    protocol: Protocol
+    planned: PlannedTrial
+    person: Person
+    seed: tuple[int, ...]  # of the trial's noise
+
+    @property
+    def device(self) -> Device:
+        return self.protocol.device(self.planned.configuration)
+
+    def generator(self) -> np.random.Generator:
+        """The same noise each time."""
+        return np.random.default_rng(self.seed)
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """Where the handle is at first, m: at the start of the path, with a device that was never moved."""
+        path = build_path(self.protocol.paths[self.planned.segment], "path")
+        return path.x0, path.y0
+
+    def operator(self) -> EmulatedOperator:
+        """The person's hand at the start, which goes by the phases of the trial alone."""
+        path = build_path(self.protocol.paths[self.planned.segment], "path")
+        operator = EmulatedOperator(self.person, path, self.start, self.generator())
+        operator.go_on = lambda x, y: None
+        return operator
+
+    @property
+    def conditions(self) -> Conditions:
+        protocol, planned = self.protocol, self.planned
+        preset = protocol.controllers[int(planned.controller)]
+        return Conditions(protocol.paths[planned.segment], preset, protocol.rules, protocol.trial)
 
 
 def settings(protocol: Protocol) -> list[Setting]:
     """The trials of one participant, in order."""
     person = load_population("average").draw(np.random.default_rng([protocol.seed, PARTICIPANT]))
-    return [
-        Setting(protocol, protocol.device(planned.configuration), planned, person, (protocol.seed, planned.run))
-        for planned in make_plan(protocol, str(PARTICIPANT))
-    ]
+    plan = make_plan(protocol, str(PARTICIPANT))
+    return [Setting(protocol, planned, person, (protocol.seed, planned.run)) for planned in plan]
 
 
-def compared(setting: Setting) -> dict:
-    """One trial in every way: the measures on the simulated device, and relative differences by case."""
-    status, here = on_the_simulated_device(setting)
-    ways = {case.title(): on_the_board(setting, case) for case in CASES}
-    ways[AGAIN] = on_the_simulated_device(setting._replace(seed=(*setting.seed, 1)))
+def exchanged(trial: RealTrial, operator: EmulatedOperator, ticks: Callable[[], int]) -> Iterator[list[np.ndarray]]:
+    """The rows of each exchange of a trial with its device, the operator in step with its phases."""
+    while not trial.finished and ticks() < LONGEST_TICKS:
+        phase = tick_log.PHASES.index(trial.phase)
+        if phase != operator.phase:
+            operator.enter(phase)
+        yield trial.exchange()
+
+
+def on_the_simulated_device(setting: Setting) -> tuple[str, Metrics]:
+    """How the trial ends there, and its measures."""
+    device = SimulatedDevice(setting.device, setting.start)
+    trial = SimulatedTrial(device, setting.planned, setting.conditions, setting.person, setting.generator())
+    rows = np.empty((LONGEST_TICKS, tick_log.WIDTH))
+    return measured(trial, rows[: trial.run(rows)])
+
+
+def on_the_board(setting: Setting) -> tuple[str, Metrics]:
+    """The same over the board."""
+    operator = setting.operator()
+    trial = RealTrial(setting.device, setting.planned, setting.conditions)
+    bench = BoardInStep(setting.device, operator, setting.start)
+    link = SerialDevice(setting.device, bench.name, clock=bench.now, open_port=lambda name: bench)
+    link.open()
+    link.home(setting.start)
+    trial.connect(link)
+    bench.begin()
+    rows = [row for some in exchanged(trial, operator, lambda: bench.ticks) for row in some]
+    link.close()
+    return measured(trial, np.array(rows))
+
+
+def measured(trial: Trial, rows: np.ndarray) -> tuple[str, Metrics]:
+    """How a trial has ended, and the measures of its rows as a recording of them has."""
+    return trial.outcome()["status"], trial_metrics(recording_of(rows, trial.device.braked), trial.path)
+
+
+def compared(setting: Setting) -> tuple[tuple[str, int], list[float]]:
+    """Configuration and controller of a trial, and the relative differences of the measures shown."""
+    (_, here), (_, there) = on_the_simulated_device(setting), on_the_board(setting)
+    pairs = [(here[name], there[name]) for name in SHOWN]
     planned = setting.planned
-    return {
-        "run": planned.run, "configuration": planned.configuration, "controller": planned.controller,
-        "path": planned.segment, "status": {"simulated": status, **{way: found[0] for way, found in ways.items()}},
-        "simulated": {name: here[name] for name in SHOWN},
-        "difference": {way: differences(here, found[1]) for way, found in ways.items()},
-    }  # fmt: skip
+    key = planned.configuration, int(planned.controller)
+    return key, [b / a - 1.0 if a and b is not None else np.nan for a, b in pairs]
 
 
-def differences(here: Metrics, there: Metrics) -> dict[str, float | None]:
-    """Relative differences of the measures shown; None where there is nothing to compare."""
-    pairs = {name: (here[name], there[name]) for name in SHOWN}
-    return {name: b / a - 1.0 if a and b is not None else None for name, (a, b) in pairs.items()}
-
-
-def medians(trials: Sequence[dict], way: str, absolute: bool = False) -> dict[tuple[str, int], dict[str, float]]:
-    """(configuration, controller) -> measure -> median difference of the pairs, of their magnitudes if absolute."""
-    pairs: dict[tuple[str, int], dict[str, list[float]]] = defaultdict(lambda: {name: [] for name in SHOWN})
-    for trial in trials:
-        for name, value in trial["difference"][way].items():
-            if value is not None:
-                pairs[trial["configuration"], trial["controller"]][name].append(abs(value) if absolute else value)
-    return {
-        key: {name: float(np.median(values)) for name, values in by_name.items() if values}
-        for key, by_name in sorted(pairs.items())
-    }
-
-
-def table(trials: Sequence[dict]) -> str:
-    """Everything at once for each measure, then one measure after the other by cause; %, medians of pairs."""
-    whole = medians(trials, ALL.title())
-    lines = [f"{len(trials)} trials; board less simulated device, same person and noise: median of pairs, %", ""]
-    lines += [f"{'all effects':22}" + "".join(f"{title:>14}" for title in SHOWN.values())]
-    lines += [name_of(key) + "".join(shown(found.get(name)) for name in SHOWN) for key, found in whole.items()]
-    ways = [case.title() for case in CASES]
-    for measure in ("path_error_m", "mean_tip_force_N", "acceleration_dft_sum"):
-        lines += ["", f"{SHOWN[measure]}, by cause"]
-        by_way = {way: medians(trials, way) for way in ways} | {AGAIN: medians(trials, AGAIN, absolute=True)}
-        lines += [f"  {number}: {way}" for number, way in enumerate(by_way, 1)]
-        lines += [f"{'':22}" + "".join(f"{number:>14}" for number in range(1, len(by_way) + 1))]
-        lines += [name_of(key) + "".join(shown(found[key].get(measure)) for found in by_way.values()) for key in whole]
-    unlike = [t["run"] for t in trials if len({status for way, status in t["status"].items() if way != AGAIN}) > 1]
-    lines += ["", f"trials that end otherwise on the board: {', '.join(map(str, unlike)) or 'none'}"]
+def table(found: Sequence[tuple[tuple[str, int], list[float]]]) -> str:
+    """The median of each measure's pairs, %."""
+    groups = defaultdict(list)
+    for key, differences in found:
+        groups[key].append(differences)
+    lines = [f"{len(found)} trials; board less simulated device, same person and noise: median of pairs, %", ""]
+    lines += [" " * 22 + "".join(f"{title:>14}" for title in SHOWN.values())]
+    for (name, controller), differences in sorted(groups.items()):
+        medians = 100.0 * np.nanmedian(differences, axis=0)
+        lines += [f"{f'{name}, {controller}':22}" + "".join(f"{one:>+14.1f}" for one in medians)]
     return "\n".join(lines)
 
 
-def name_of(key: tuple[str, int]) -> str:
-    """Configuration and controller."""
-    return f"{f'{key[0]}, {key[1]}':22}"
-
-
-def shown(value: float | None) -> str:
-    """A share in %."""
-    return f"{'-':>14}" if value is None else f"{100.0 * value:>+14.1f}"
-
-
 if __name__ == "__main__":
-    print(table(run_board(int(sys.argv[1]) if len(sys.argv) > 1 else 60)))
+    coming = settings(load_protocol(low_gain=5.0, sensing="ideal"))[: int(sys.argv[1]) if len(sys.argv) > 1 else 60]
+    with process_pool(min(cores(), len(coming))) as pool:
+        print(table(list(pool.map(compared, coming))))
