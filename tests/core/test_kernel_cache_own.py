@@ -44,15 +44,17 @@ def untold(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "source_hash", lambda: "0123456789abcdef")
-    return tmp_path / "cache" / "phd" / "kernels"
+    yield tmp_path / "cache" / "phd" / "kernels"
+    cache.cache_place.cache_clear()
 
 
 def place() -> Place:
     """As a new process finds it."""
-    return cache.cache_place.__wrapped__()
+    cache.cache_place.cache_clear()
+    return cache.cache_place()
 
 
 def run(tree: Path, code: str = CALL, **more: str) -> tuple[str, str]:

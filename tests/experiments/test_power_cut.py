@@ -27,7 +27,8 @@ PROGRAM = """
 import json, os
 import numpy as np
 from protocols import PAPER, short
-from experiments.store.journal import NOTE
+from core import tick_log
+from experiments.store.journal import read_events
 from experiments.store.session import Participant, Session
 from experiments.store.study_plan import StudyPlan, write_study
 from experiments.trial.population import load_population
@@ -37,8 +38,7 @@ def ack(**what):
     os.write(acks, (json.dumps(what) + "\\n").encode())
 
 def piece(trial, writer, ticks=400):
-    rows = np.empty((ticks, 200))[:, :writer._width]
-    rows = np.ascontiguousarray(rows)
+    rows = np.empty((ticks, tick_log.WIDTH))
     writer.write(rows[:trial.run(rows)])
 
 def flush(session, writer):
@@ -50,7 +50,7 @@ def flush(session, writer):
 
 def whole(session):
     trial, writer = session.begin(session.next_planned())
-    ack(events=session.database._given["event"])
+    ack(events=len(read_events(session.folder)))
     while not trial.finished:
         piece(trial, writer)
         flush(session, writer)
@@ -61,10 +61,10 @@ population = load_population()
 who = Participant("01", operator=population.draw(np.random.default_rng(3)), population=population.operators)
 data = disk / "data"
 session = Session(data, who, short())
-ack(events=session.database._given["event"])
+ack(events=len(read_events(session.folder)))
 whole(session)
 session.note("it goes well")
-ack(events=session.database._given["event"])
+ack(events=len(read_events(session.folder)))
 trial, writer = session.begin(session.next_planned())
 for k in range(6):
     told.write_text("fsync session.db" if k == 2 else "write session.db" if k == 3 else "")
