@@ -315,10 +315,11 @@ class Sandbox:
         p, s, old = self._protocol, self.settings, self.simulation
         if old is not None and old.device.name == s.device:
             return old
-        device, path = self._device_file(s.device), build_path(p.paths[s.path], "path")
-        tip = old.tip if old is not None else (path.x1, path.y1)  # there is a way to go
+        device, way = self._device_file(s.device), np.asarray(outline(p.paths[s.path], SPACING_M))
+        x, y = way[2 * len(way) // 3].tolist()  # in neither circle
+        tip = old.tip if old is not None else (x, y)
         if not tip_is_free(device.mechanism, *tip):
-            tip = path.x1, path.y1
+            tip = x, y
             self._release_handle()
         hand = p.mouse.hand() if self._setup.hand != OPERATOR else None
         return SimulatedDevice(device, tip, hand)

@@ -181,7 +181,7 @@ def table(summary: dict) -> str:
     before, after = summary["before"], summary["after"]
     assumed = ", device numbers assumed" if summary["assumed"] and "assumed" not in summary["note"] else ""
     lines = [
-        f"{summary['recording']}: participant {summary['participant']}, run {summary['run']}, hand: {summary['hand']}",
+        f"{summary['recording']}: participant {summary['participant']}, {summary['trial']}, hand: {summary['hand']}",
         summary["note"] + assumed,
     ]
 

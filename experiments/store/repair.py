@@ -10,6 +10,7 @@ from pathlib import Path
 from core.files import InputError
 from experiments.analysis.trials_table import row_of
 from experiments.recording import Recording
+from experiments.store.cells import trial_names
 from experiments.store.database import Database, StoredTrial, reading, trials_in
 from experiments.store.files import TRIALS, add_row, rows_of
 from experiments.store.journal import JournalSummary
@@ -58,7 +59,7 @@ def repair(session: Path, database: Database, summary: JournalSummary, sync: boo
                 done.not_repaired.append(str(error))
     with reading(session) as stored:
         trials = list(trials_in(stored))
-    runs = {row.run for row in rows_of(session)}
+    runs, closed, made = {row.run for row in rows_of(session)}, [], []
     for trial, whole in trials:
         if not whole:
             done.not_repaired.append(f"{trial.name}: its description was changed")
@@ -66,16 +67,20 @@ def repair(session: Path, database: Database, summary: JournalSummary, sync: boo
         recording = None
         if not trial.sha256 and (trial.ticks or not trial.outcome):
             recording = _close_again(database, trial, sync)
-            kind = "run" if trial.folder == TRIALS else "practice"
-            done.trials.append(f"{kind} {trial.run}, {recording.rows:,} ticks")
+            closed.append((trial, recording.rows))
         if trial.folder == TRIALS and trial.run not in runs:
             try:
                 row = summary.row(row_of(recording or _read(session, trial), session))
                 add_row(database, row)
-                done.rows.append(f"run {row.run} is {row.status}")
+                made.append(row)
             except InputError as error:
                 done.not_repaired.append(str(error))
         database.commit()
+    names = {run: name for (_, run), name in trial_names(rows_of(session)).items()}
+    for trial, ticks in closed:
+        name = names.get(trial.run, f"run {trial.run}") if trial.folder == TRIALS else f"practice {trial.run}"
+        done.trials.append(f"{name}, {ticks:,} ticks")
+    done.rows += [f"{names[row.run]} is {row.status}" for row in made]
     return done
 
 

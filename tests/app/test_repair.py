@@ -48,7 +48,7 @@ def test_a_trial_that_was_cut_off_keeps_every_tick_and_is_marked_recovered(data)
     path = of(data) / "trials" / "run-003.parquet"
     there, before = read_recording(path), files(data)
     assert there.rows == 4500 and not there.complete and main(["verify", str(data)]) == 1
-    assert opened(data) == "What a crash had left open is closed: run 3, 4,500 ticks."
+    assert opened(data) == "What a crash had left open is closed: trial 3, 4,500 ticks."
     assert main(["verify", str(data)]) == 0
     kept = read_recording(path)
     assert kept.whole and kept.outcome["status"] == "recovered" and kept.metadata == there.metadata
@@ -61,7 +61,7 @@ def test_a_trial_that_was_cut_off_keeps_every_tick_and_is_marked_recovered(data)
     after = files(data)
     assert all(after[name] == text for name, text in before.items() if "run-" in name)
     (event,) = (entry.about for entry in read_events(of(data)) if entry.event is REPAIRED)
-    assert event["trials"] == ["run 3, 4,500 ticks"] and event["rows"] == ["run 3 is recovered"]
+    assert event["trials"] == ["trial 3, 4,500 ticks"] and event["rows"] == ["trial 3 is recovered"]
     assert opened(data) == ""  # again: nothing is left to do
 
 
@@ -71,7 +71,7 @@ def test_whatever_was_committed_before_the_kill_is_kept(tmp_path, ticks):
     trial, writer = session.begin(session.next_planned())
     run(trial, writer, ticks)
     kill(session)
-    assert f"run 1, {ticks:,} ticks" in opened(tmp_path)
+    assert f"trial 1, {ticks:,} ticks" in opened(tmp_path)
     (row,) = rows_of(of(tmp_path))
     assert row.status == "recovered" and cell(row) == cell(read_stored(of(tmp_path)).plan[0])
     assert (row.recording == "") == (ticks == 0)

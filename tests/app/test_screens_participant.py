@@ -40,7 +40,7 @@ SAYS = {
     "approach": ((MOUSE_HAND, running()), tick_log.APPROACH, True, "Move to the start", "green circle", "pointer"),
     "hold": ((MOUSE_HAND, running()), tick_log.HOLD, True, "Hold", "Keep still", "pointer"),
     "move": ((MOUSE_HAND, running()), tick_log.MOVE, True, "Go", "Follow the line", "pointer"),
-    "end": ((MOUSE_HAND, running()), tick_log.END, True, "Move to the start", "", "2.4"),
+    "end": ((MOUSE_HAND, running()), tick_log.END, True, "One moment", "", "2.4"),
     "approach, let go": ((MOUSE_HAND, running()), tick_log.APPROACH, False, "Move to the start", "pointer", "circle"),
     "move, let go": ((MOUSE_HAND, running()), tick_log.MOVE, False, "Go", "pointer", "line"),
     "move, by a sensor": ((SENSOR_HAND, running(1)), tick_log.MOVE, False, "Go", "Follow the line", "pointer"),

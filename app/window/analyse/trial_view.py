@@ -374,7 +374,6 @@ def run(path: Path) -> int:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
     application = QApplication(sys.argv[:1])
     Collector(application)
-    memory.begin()
     palette.choose(memory.remembered(memory.DARK_OR_LIGHT))
     theme.apply_theme(application)
     window = TrialWindow(path)

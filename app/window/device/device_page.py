@@ -8,6 +8,8 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QVBoxLayout
 
 from app.ipc import messages as m
+from app.window.canvas.path_marks import AT_DESK
+from app.window.canvas.small_view import SmallView
 from app.window.device import figures
 from app.window.device.device_view import DeviceView
 from app.window.device.next_step import ALLOW, STEP_OF, STEPS, NextStep, jig_of, needs_of, next_step, possible
@@ -31,6 +33,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.preflight import MARKS
+from experiments.protocol import home_of
 
 SIMULATED = (
     "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on Home "
@@ -57,7 +60,7 @@ class DevicePage(Page):
         keep_room(self.main)  # nothing moves when it comes
         self.no_figures = wrapped_label("", size=theme.TITLE)
         self.no_figures.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.view = DeviceView()
+        self.simulated, self.view = SmallView(AT_DESK), DeviceView()
         self.rows = {name: (text_label(), wrapped_label()) for name in figures.READINESS}  # mark, words
         named = (name for names in figures.GROUPS.values() for name in names)
         self.values = {name: wrapped_label(figures.NOTHING) for name in named}
@@ -87,7 +90,8 @@ class DevicePage(Page):
         seen = panel("Where the encoders see the handle", (self.view, 1), self.view.caption, spacing=4)
         self.side = stack(seen, self._raw_panel())
         self.bench = holder(row((left, 5), (self.side, 4), spacing=theme.GAP))
-        self.setLayout(column((self.no_figures, 1), (self.bench, 1)))
+        self.unused = holder(column((self.simulated, 3), (self.no_figures, 1), margins=(40, 40, 40, 0)))
+        self.setLayout(column((self.unused, 1), (self.bench, 1)))
 
     def _raw_panel(self) -> Panel:
         groups: QVBoxLayout = column(spacing=10)
@@ -116,6 +120,9 @@ class DevicePage(Page):
         if opened != self.opened:
             self.cards.leave()
         super().show_opened(opened)
+        device, path = opened.protocol.devices[0], next(iter(opened.protocol.paths.values()))
+        self.simulated.show_trial(device, path, home_of(device, opened.protocol.paths))
+        self.simulated.setVisible(not opened.real_device)
         self._refresh()
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
@@ -144,7 +151,7 @@ class DevicePage(Page):
         status, snapshot, opened = self._status, self.snapshot, self.opened
         on_bench = opened is not None and opened.real_device
         self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
-        self.no_figures.setVisible(not on_bench)
+        self.unused.setVisible(not on_bench)
         self.bench.setVisible(on_bench)
         if opened is None or not on_bench or not self.isVisible():
             return

@@ -17,7 +17,7 @@ class ProtocolText(QPlainTextEdit):
     """Text in columns, with the number of each line before it. Tab leads on to what is beside it."""
 
     def __init__(self) -> None:
-        super().__init__(accessibleName="Protocol", lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
+        super().__init__(accessibleName="Protocol")
         self.setTabChangesFocus(True)
         self.setFont(theme.mono())
         self._look, self._numbers = _Look(self.document()), _Numbers(self)

@@ -247,7 +247,7 @@ class ParticipantWindow(QWidget):
         if snapshot.running is not None:
             if snapshot.running != before.running or before.stage != m.RUNNING:
                 self._show_trial(snapshot.running, snapshot.tip)
-                self._write(words.moving(tick_log.APPROACH, False, self._language))
+                self.view.write(words.moving(tick_log.APPROACH, False, self._language))
             return
         self.view.show_handle(snapshot.tip)
         self.view.show_hold(0.0)
@@ -271,16 +271,12 @@ class ParticipantWindow(QWidget):
         if self._snapshot.stage == m.BREAK and (left := self._rest_until_s - time.perf_counter()) > 0.0:
             how = self._language["break_left"].format(time=words.clock(left))
             shown = shown._replace(small=shown.small.replace(self._language["break_how"], how))
-        self._write(words.with_keys(shown, self._snapshot, self._language) if self.own_start else shown)
+        self.view.write(words.with_keys(shown, self._snapshot, self._language) if self.own_start else shown)
 
     def show_time(self) -> None:
         """What only the clock changes: the rest that is left."""
         if self._snapshot.stage == m.BREAK:
             self._write_between()
-
-    def _write(self, shown: Shown | None) -> None:
-        if shown is not None:
-            self.view.write(shown)
 
     def _show_trial(self, planned: PlannedTrial, tip: m.Point) -> None:
         if self._opened is None:
@@ -307,7 +303,7 @@ class ParticipantWindow(QWidget):
         if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
         early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
-        self._write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
+        self.view.write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
 
     def _follow_phase(self, rows: np.ndarray) -> None:
         """Tones, the sweep of the hold, and whether the start was left too early."""

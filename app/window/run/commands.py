@@ -37,9 +37,7 @@ class Commands(QWidget):
         self.leave = KeyButton("Close session …")
         self.more = KeyButton("More  ▾")
         self.more.setCheckable(True)
-        self.note = QLineEdit(
-            placeholderText=f"Note …  {KEYS['note'].keys[0]}", accessibleName="Note, kept with the time", maxLength=500
-        )
+        self.note = QLineEdit(accessibleName="Note, kept with the time", maxLength=500)
         self.note.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.note.setMinimumHeight(LEAST_PX)
         self.note.returnPressed.connect(self._keep_note)
@@ -83,6 +81,8 @@ class Commands(QWidget):
             "Pause after this trial" if runs else "Pause"
         )  # fmt: skip
         self.note.setToolTip("\n".join(snapshot.notes))
+        kept = f"Kept: {snapshot.notes[-1]}" if snapshot.notes else "Note …"
+        self.note.setPlaceholderText(f"{kept}  {KEYS['note'].keys[0]}")
         if on_card and not self._on_card:  # a note that is being written is not folded away
             self.more.setChecked(bool(self.note.text()) or self.note.hasFocus())
         self._on_card, self._runs = on_card, runs

@@ -356,7 +356,10 @@ class RunPage(Page):
         if proof is not None and runs:
             late = "sign-late", f"▲ Last write {proof.age_s:.0f} s ago"
             look, text = late if proof.late else ("sign-on", "● Recording")
-        trial_s = int(self._ticks[-1][-1, tick_log.T]) if self._ticks else 0
+        last = self._ticks[-1][-1] if self._ticks else np.zeros(tick_log.WIDTH)
+        trial_s = int(last[tick_log.T])
+        if runs and last[tick_log.PHASE] == tick_log.END:
+            look, text = "sign", "Writing"
         theme.set_style(self.recording, look)
         self.recording.setText(f"{text}  {trial_s // 60}:{trial_s % 60:02d}" if runs else text)
 
@@ -390,8 +393,7 @@ class RunPage(Page):
         """What the participant reads in a phase of a trial."""
         held, seen = taken or not hand_is_mouse(self.opened), self.workspace.view.handle_seen
         shown = words.moving(phase, held, words.language_of(self.opened), seen=seen)
-        if shown is not None:
-            self.workspace.view.show_text("", reads(shown))
+        self.workspace.view.show_text("", reads(shown))
 
     def _write_between(self) -> None:
         """What the participant reads while no trial runs, who is told less; and whether the place is measured."""

@@ -233,7 +233,7 @@ class TryPage(Page):
         by_pointer = words.hand_is_mouse(self.opened)
         self.canvas.add(rows, taken if by_pointer else None)
         held = taken or not by_pointer
-        said = words.moving(phase, held, words.language_of(self.opened)) or BACK
+        said = BACK if phase == tick_log.END else words.moving(phase, held, words.language_of(self.opened))
         self._show_status(said if held or self.canvas.handle_seen else AWAY)
         if not self._reading.due(float(now[tick_log.T])):
             return

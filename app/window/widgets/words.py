@@ -88,13 +88,13 @@ def language_of(opened: m.Opened | None) -> Language:
     return opened.protocol.sentences if opened is not None else ENGLISH_WORDS
 
 
-def moving(phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True) -> Shown | None:
-    """The lines of a phase of a trial; None once it has ended. left_early: the start was left before "go".
+def moving(phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True) -> Shown:
+    """The lines of a phase of a trial, and while it is being written. left_early: the start was left before "go".
 
     seen: the handle is in sight; else the participant is not asked to touch it.
     """
     if phase not in PHASES:
-        return None
+        return Shown(language["preparing"])
     large, small = PHASES[phase]
     if not taken:
         small = "take" if seen else "stopped_how"
