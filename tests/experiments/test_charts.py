@@ -14,7 +14,9 @@ from experiments.analysis.charts import (
     ORDER,
     PERSON,
     POOLED,
+    QUESTIONS,
     SPEED,
+    AnswerSet,
     View,
     charts,
     left_out,
@@ -25,6 +27,7 @@ from experiments.analysis.trials_table import as_table
 from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import write_results
+from experiments.store.cells import trial_names
 from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
 from experiments.study.playback import device_of, read_playback
@@ -145,3 +148,28 @@ def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_pa
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
     with pytest.raises(InputError, match="its session has no device 'seven-brake'"):
         device_of(replace(recording, metadata={"configuration": "seven-brake"}), read_stored(path.parents[1]))
+
+
+def test_a_repeated_trial_keeps_the_name_of_the_first_on_charts_and_in_the_report():
+    rows = study()[:60]
+    again = [replace(rows[3], run=61), replace(rows[3], run=62)]
+    named = trial_names([*again, *rows])
+    assert named["01", 4] == "trial 4" and named["01", 61] == "trial 4, second try"
+    assert named["01", 62] == "trial 4, third try" and named["01", 60] == "trial 60"
+    chart = charts(ORDER, as_table([*rows, *again]), VIEW._replace(trials=named))[0]
+    assert sum(" · trial 4, second try · " in point.text for point in chart.points) == 1
+
+
+def test_answers_stand_by_question_and_device():
+    answers = [
+        AnswerSet(f"{n:02d}", device, 1, 0, {"effort": 5.0 * n, "mental_demand": 5.0 * n}, "")
+        for n in range(6) for device in DEVICES
+    ]  # fmt: skip
+    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, answers)
+    assert [text for _, text in chart.ticks] == ["effort", "mental\ndemand"] and len(chart.points) == 24
+    assert {at.box.median for at in chart.boxes} == {12.5} and charts(QUESTIONS, as_table(study()), VIEW) == []
+    assert [at.look for at in sorted(chart.boxes)] == [0, 1, 0, 1]  # the first device stands first
+    after = [answer._replace(controller=1 + n % 2, block=0) for n, answer in enumerate(answers)]
+    (chart,) = charts(QUESTIONS, as_table(study()), VIEW, after)
+    assert {point.controller for point in chart.points} == {1, 2}
+    assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"

@@ -31,6 +31,7 @@ from experiments.analysis.movement import (
     weighted_amplitudes,
     without_ramp,
 )
+from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
 from experiments.recording import Recording, Sensors, recording_of
 from experiments.store.recording import read_recording
@@ -365,3 +366,10 @@ def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
         for threads in ("1", "2", "4")
     }  # fmt: skip
     assert len(found) == 1 and found != {""}
+
+
+def test_what_each_figure_shows_is_the_definition_of_one_thing():
+    assert [metric.stands_for for metric in metrics.DRAWN] == ["accuracy", "force", "smoothness"]
+    assert [metric.name for metric in metrics.DRAWN] == [names[0] for names in DEFINITIONS.values()]
+    assert set(metrics.DRAWN) < set(metrics.FIGURES)
+    assert all(metric.compared for metric in metrics.FIGURES)
