@@ -115,37 +115,29 @@ def test_samples_that_came_while_the_host_was_late_are_all_recorded_and_only_the
     assert rows[:, tick_log.DECIDED].tolist() == [0.0] * 10 + [1.0]
 
 
-def test_every_decision_on_the_bench_follows_from_the_recording_alone(bench: RealBench, tmp_path: Path) -> None:
+def test_on_a_bad_wire_every_decision_follows_from_the_recording_alone_which_says_what_was_filled_in(
+    bench: RealBench, tmp_path: Path
+) -> None:
     trial = bench.trial(4)
     bench.board.fault("drop=0.05")
     rows = bench.run(trial, lambda trial: trial.phase == "move")
     bench.pass_time(10)
     rows = np.concatenate((rows, bench.run(trial)))
-    found = recorded(rows, bench.device, trial.outcome(), tmp_path / "run.arrows", Sensors("AB", 6))
+    outcome = trial.outcome()
+    assert outcome["status"] == "done", outcome
+    lost = rows[:, tick_log.FILLED] == 1.0
+    assert lost.sum() == outcome["filled"] > 50
+    assert bench.link.health.lost == pytest.approx(outcome["filled"], abs=5)
+    assert np.isnan(rows[lost][:, tick_log.BOARD_US]).all()
+    assert np.isfinite(rows[:, tick_log.TIP_X : tick_log.HAND_FY + 1]).all()
+    found = recorded(rows, bench.device, outcome, tmp_path / "run.arrows", Sensors("AB", 6))
+    assert 0.0 < trial_metrics(found, trial.path)["path_error_m"] < 0.005
     decided = np.count_nonzero(rows[:, tick_log.DECIDED])
     assert 100 < decided < np.count_nonzero(found.in_phase("move"))
     preset, rules = PAPER.controllers[4], PAPER.rules
     assert check_decisions(found, bench.device, Conditions(PATH, preset, rules)) == (decided, 0)
     other = preset.replaced(gain_N_s_m=0.9 * preset.value("gain_N_s_m"))
     assert check_decisions(found, bench.device, Conditions(PATH, other, rules)).different > 10
-
-
-def test_a_bad_wire_leaves_a_whole_grid_and_says_what_was_filled_in(bench: RealBench, tmp_path: Path) -> None:
-    trial = bench.trial(2)
-    bench.board.fault("drop=0.05")
-    rows = bench.run(trial)
-    outcome = trial.outcome()
-    assert outcome["status"] == "done", outcome
-    lost = rows[:, tick_log.FILLED] == 1.0
-    assert lost.sum() == outcome["filled"] > 50
-    assert (
-        np.isnan(rows[lost][:, tick_log.BOARD_US]).all()
-        and np.isfinite(rows[:, tick_log.TIP_X : tick_log.HAND_FY + 1]).all()
-    )
-    recording = recorded(rows, bench.device, outcome, tmp_path / "run.arrows", Sensors("AB", 6))
-    error = trial_metrics(recording, trial.path)["path_error_m"]
-    assert error is not None and error < 0.005
-    assert bench.link.health.lost == pytest.approx(outcome["filled"], abs=5)
 
 
 def test_a_stopped_trial_ends_at_once_for_its_reason_with_its_recorded_end(bench: RealBench) -> None:

@@ -223,7 +223,7 @@ WORLDS = {
 @pytest.mark.parametrize("lines", WORLDS.values(), ids=WORLDS)
 def test_a_trial_under_other_assumptions_replays_to_equal_ticks_and_equal_decisions(tmp_path, lines):
     protocol = protocol_of(assuming(lines, short(paths=1).text))
-    session = closed_session(tmp_path, 2, protocol=protocol)
+    session = closed_session(tmp_path, 1, protocol=protocol)
     for path in recordings(session.folder):
         told, said = replayed(path)
         assert said == ("start", True, 0), path
