@@ -116,6 +116,7 @@ EVENTS = {
         "skipped", {"run": 3, "block": 1, "configuration": "three-brake", "controller": "=cmd", "segment": 1,
         "repetition": 1, "reason": ""}, "controller cannot be '=cmd'",
     ),
+    "a count below zero": ("break ended", {"settled": -1}, "settled cannot be -1"),
     "a field less": ("redone", {"run": 2}, "lacks reason"),
 }  # fmt: skip
 

@@ -142,3 +142,13 @@ def test_opening_a_session_that_is_complete_touches_nothing(tmp_path):
     session.close()
     before = files(tmp_path)
     assert opened(tmp_path) == "" and files(tmp_path) == before
+
+
+@pytest.mark.parametrize("named, place", [
+    ({"XDG_DATA_HOME": "data"}, "data"), ({"LOCALAPPDATA": "local"}, "local"), ({}, "home/.local/share"),
+])  # fmt: skip
+def test_what_a_disk_does_not_take_is_put_where_the_user_keeps_data(monkeypatch, tmp_path, named, place):
+    monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
+    for variable in ("XDG_DATA_HOME", "LOCALAPPDATA"):
+        monkeypatch.setenv(variable, str(tmp_path / named[variable]) if variable in named else "")
+    assert next(repair.rescue_places("s")) == tmp_path / place / "phd-rescued" / "s.db"

@@ -1,5 +1,6 @@
 """Box plots: the numbers of a box against other ways to get them, what stands on a figure, the files of a study."""
 
+import itertools
 import re
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from protocols import study_data
 from core.files import InputError
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
 from experiments.analysis.charts import View, box_statistics
+from experiments.analysis.force_figure import draw_error_against_force
 from experiments.analysis.metrics import DRAWN, FIGURES
 from experiments.analysis.sheet import figure_bytes
 from experiments.analysis.trials_table import TrialRow, as_table
@@ -73,6 +75,16 @@ def test_a_figure_says_how_many_trials_it_leaves_out_and_crosses_those_that_time
         for place in marks.get_offsets() if to_hex(marks.get_edgecolor()[0]) == TIMEOUT_COLOUR
     ]  # fmt: skip
     assert len(crosses) == (0 if timeouts else 2)
+
+
+@pytest.mark.parametrize("paths", [(), (1, 2)])
+def test_panels_stand_apart_and_everything_is_on_the_page(paths):
+    shown, view = as_table(study(blocks=(1,))), view_of(LABELS)
+    for figure in (draw(shown, NOTE, view, DRAWN[:2], 12.0, paths), draw_error_against_force(shown, NOTE, view)):
+        panels, page = [axes.get_position() for axes in figure.axes], figure.get_tightbbox()
+        assert not any(one.overlaps(other) for one, other in itertools.combinations(panels, 2))
+        width, height = figure.get_size_inches()
+        assert min(page.x0, page.y0) >= 0.0 and page.x1 <= width and page.y1 <= height
 
 
 def test_a_study_leaves_each_figure_in_three_formats_and_the_same_bytes_every_time(tmp_path):

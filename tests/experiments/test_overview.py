@@ -1,6 +1,7 @@
 """What a data folder holds, at a glance; and the form that a participant fills in, from the session to its export."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,10 @@ def test_a_folder_without_sessions_and_a_session_that_is_damaged_are_named(tmp_p
     session = new_session(tmp_path / "data", "01", short(1))
     session.close()
     assert scan_folder(tmp_path / "data").sessions[0].done == 0
+    shutil.copytree(session.folder, tmp_path / "data" / "sub-02" / "ses-01")
+    (own, copy) = scan_folder(tmp_path / "data").sessions
+    assert "is a copy" in copy.problem and copy.changed_s == own.changed_s, "as old as the session of which it is one"
+    shutil.rmtree(tmp_path / "data" / "sub-02")
     (session.folder / "session.db").write_bytes(b"x" * 9000)
     (damaged,) = scan_folder(tmp_path / "data").sessions
     assert "session.db" in damaged.problem and not damaged.complete

@@ -20,7 +20,7 @@ from experiments import atomic_files
 from experiments.analysis.trials_table import as_table, write_table
 from experiments.atomic_files import TRIES
 from experiments.store import recording as recording_module
-from experiments.store.database import DATABASE, Database
+from experiments.store.database import DATABASE, Database, reading, trials_in
 from experiments.store.recording import RecordingWriter, close_trial, read_recording
 
 
@@ -263,6 +263,29 @@ def test_no_changed_bit_of_a_file_goes_unnoticed_wherever_it_is_cut_or_changed(t
             assert not recording.whole and recording.rows == 0 and "was changed or cut" in recording.faults, place
     path.unlink()
     assert read_recording(path).faults == "file: missing"
+
+
+def test_a_description_of_a_later_form_is_said_and_no_tick_is_trusted(tmp_path):
+    path = record(tmp_path, ticks(5))
+    with reading(tmp_path) as stored:
+        ((trial, _),) = trials_in(stored)
+    with Database(tmp_path) as database:
+        database.put("trial", *trial._replace(about=trial.about.replace('"form": ', '"form": 9')))
+    recording = read_recording(path)
+    assert not recording.rows and "this program reads form" in recording.damaged[0]
+
+
+def test_a_database_that_a_kill_left_open_is_sealed_as_it_is_closed_though_nothing_was_written(database):
+    def is_sealed() -> bool:
+        with reading(database.path.parent) as stored:
+            return stored.is_sealed
+
+    database.add("event", "2026-01-01T00:00:00.000+00:00", 1.0, "note", "{}")
+    database.commit()
+    database.disconnect()
+    assert is_sealed() is False
+    Database(database.path.parent).close()
+    assert is_sealed() is True
 
 
 def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
