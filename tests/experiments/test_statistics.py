@@ -222,7 +222,7 @@ def test_error_adjusted_for_speed_is_the_same_where_speed_alone_makes_the_differ
         assert raw["1"] - raw["5"] > 0.7e-3
         assert np.ptp(list(adjusted.values())) < 1e-12
     (said,) = [sentence for sentence in sentences(results) if sentence.startswith("Twice the speed")]
-    assert "+1.00 mm" in said and "slow trials do look accurate" in said
+    assert "path error +1.00 (" in said and "slow trials do look accurate" in said
 
 
 def test_trials_that_ran_out_of_time_say_nothing_about_speed_and_uncounted_ones_nothing_at_all():
