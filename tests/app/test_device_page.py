@@ -7,6 +7,7 @@ import pytest
 from fake_client import DEVICES, PRESETS, opened, paper, ready, running
 from page_driver import PageDriver, texts
 from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
+from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.device.device_page import SIMULATED, DevicePage
@@ -191,7 +192,7 @@ def test_the_page_says_what_comes_next_offers_it_and_sends_it(bench: Bench, page
     show(page, opened(session, **ON_BENCH), snapshot)
     assert page.title.text() == title and text in page.text.text()
     assert {step for step, pressed in page.again.items() if pressed.isEnabled()} == can
-    assert page.main.isVisible() == (main is not None)
+    assert page.main.isVisible() == (main is not None) and faults(page) == []
     if main is not None:
         words, command = main
         assert page.main.text() == words

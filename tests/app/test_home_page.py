@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QPushButton
 from screens import settle
 from sessions import closed_session
 from status_messages import ON_BENCH, WELL
+from texts_on_screen import faults
 
 from app.ipc import messages as m
 from app.window.home.home_page import BOARD, SIMULATED, HomePage
@@ -123,6 +124,7 @@ def test_what_can_be_read_and_started_in_each_state(shown: Shown, state: str) ->
         shown.type(page.participant, seen.typed)
     settle(page)
     text = shown.texts()
+    assert faults(page) == []
     assert all(words in text for words in filter(None, seen.reads.split(" | "))), text
     assert page.start.text() == seen.start and page.start.isEnabled() == (seen.sends is not None)
     assert page.protocol.isEnabled() == (not seen.open)

@@ -13,6 +13,7 @@ from status_messages import LOST, ON_BENCH, WELL
 
 from app.ipc import messages as m
 from app.window.canvas.layers import OFF
+from app.window.main_window import SMALLEST
 from app.window.run.plan_bar import MARKS
 from app.window.run.run_page import ENDED, UNMEASURED, RunPage
 from app.window.run.session_cards import ABORT, REDO
@@ -175,6 +176,7 @@ STATES = {
 @pytest.mark.parametrize("state", STATES)
 def test_what_can_be_read_and_done_in_each_state_of_a_session(screens: Screens, monkeypatch, state: str) -> None:
     monkeypatch.setattr("app.window.run.trial_card.IGNORE_SPACE_S", 0.0)
+    screens.main.resize(*SMALLEST)
     check(screens, STATES[state])
 
 

@@ -10,6 +10,7 @@ from page_driver import PageDriver
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
+from texts_on_screen import faults
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
@@ -93,6 +94,7 @@ def test_what_can_be_read_and_set_in_each_state(held: Held, state: str) -> None:
     assert seen.large in page.large.text() and page.notice.text() == seen.notice
     assert seen.warning in controls.warning.text() and controls.warning.isVisible() == bool(seen.warning)
     assert controls.reset.isEnabled() == bool(seen.changed) and controls.changes.text().endswith(seen.changed)
+    assert faults(page) == []
     can = {name for name, dial in controls.dials.items() if dial.isEnabled()}
     assert not seen.can or can == set(seen.can.split())
     assert controls.segments["device"].isEnabled() == ("device" not in seen.said.sandbox.fixed)
