@@ -290,6 +290,12 @@ def test_the_end_of_the_plan_leads_to_the_next_participant_and_a_blind_session_i
     assert screens.press(Qt.Key.Key_Return, question.own) == [m.Unblind("R. Book")]
 
 
+def test_space_right_after_a_trial_may_be_meant_for_it_and_starts_no_other(screens: Screens) -> None:
+    screens.hear(opened(), runs(3))
+    screens.hear(ready(4))
+    assert press(screens, "Space") == []
+
+
 def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) -> None:
     now = [100.0]
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
