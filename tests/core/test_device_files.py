@@ -299,3 +299,7 @@ def test_the_brakes_of_a_device_are_commanded_in_one_unit():
     with pytest.raises(InputError, match="commanded in one unit, not in A and kV/mm"):
         mixed = changed(FOUR.text, ('A = "mrb-2107-3"', 'A = "field"'))
         build_device(mixed, {"mrb-2107-3": BRAKE, "field": field}, "my.toml")
+
+
+def test_the_tip_is_never_behind_the_bases():
+    assert not tip_is_free(FOUR.mechanism, 0.0, -0.4) and not tip_is_free(THREE.mechanism, 0.0, 0.0)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, yields
+from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, switching, yields
 
 from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Simulation
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
@@ -95,3 +95,12 @@ def test_tip_never_passes_a_hard_stop(bar, push):
     assert np.all(np.isfinite(rows))
     assert simulation.ledger().lost_at_stops > 0.0
     assert stops_of(bar.device, *rows[::10, 1:3]).min() > -1e-6
+
+
+def test_no_torque_exceeds_its_yield(bench):
+    times, values = switching(bench, 1.0)
+    simulation = Simulation(bench.device, START, hand=wave_hand(S4), integrator="karnopp")
+    rows = simulation.rows(1001, Schedule(times, values), Grid(0, 1000, 1, 1e-3))
+    row_of = np.minimum((rows[:, 0] + 1e-9) // 0.01, len(values) - 1).astype(int)
+    assert np.all(np.abs(rows[:, 5:9]) <= values[row_of] * (1 + 1e-9))
+    assert np.all(np.isfinite(rows))

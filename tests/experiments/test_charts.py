@@ -11,6 +11,7 @@ from sessions import new_session, run_trials
 from core.files import InputError
 from core.path import build_path
 from experiments.analysis.charts import (
+    LEAST_IN_A_BOX,
     ORDER,
     PERSON,
     POOLED,
@@ -173,3 +174,17 @@ def test_answers_stand_by_question_and_device():
     (chart,) = charts(QUESTIONS, as_table(study()), VIEW, after)
     assert {point.controller for point in chart.points} == {1, 2}
     assert chart.points[0].text == "Participant 00 · after controller 1 on three-brake · 0"
+
+
+def test_fewer_than_five_trials_have_no_box():
+    rows = [row for row in study() if row.controller == 2 and row.configuration == "three-brake"]
+    for count in (LEAST_IN_A_BOX - 1, LEAST_IN_A_BOX):
+        chart = charts(POOLED, as_table(rows[:count]), VIEW)[0]
+        assert len(chart.points) == count and len(chart.boxes) == (count == LEAST_IN_A_BOX)
+    assert "Boxes need at least 5 trials." in legend(charts(POOLED, as_table(rows[:4]), VIEW)[0], VIEW)
+
+
+def test_a_curve_over_the_runs_is_the_median_of_those_around_each():
+    rows = [with_measures(row, path_error_m=1e-3 * row.run) for row in study() if row.participant == "01"]
+    curve = dict(charts(ORDER, as_table(rows), VIEW)[0].curve)
+    assert curve[30.0] == pytest.approx(30.0) and curve[1.0] == pytest.approx(3.5)

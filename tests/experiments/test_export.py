@@ -21,7 +21,7 @@ from sessions import closed_session, crash_in_trial, files, new_session, run
 from app.cli import main
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, row_of
+from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, row_of
 from experiments.export.export import CsvTables, export
 from experiments.export.files import recording_column
 from experiments.recording import Sensors, recording_columns
@@ -385,3 +385,18 @@ def test_authors_and_licence_of_the_command_are_kept_for_the_next_export(study, 
     said = {"Authors": ["A. Author", "B. Author"], "License": "CC0-1.0"}
     assert described("--author", "A. Author", "--author", "B. Author", "--licence", "CC0-1.0") == said
     assert described("--author", "C. Author") == {"Authors": ["C. Author"], "License": "CC0-1.0"} == described()
+
+
+def test_a_trial_that_was_redone_or_never_recorded_stands_as_the_sessions_table_says(study, tmp_path):
+    folder = shutil.copytree(study, tmp_path / "copy")
+    empty = TrialRow("01", 50, 1, "three-brake", 1, 1, 1, "aborted")
+    with Database(folder / SESSION) as database:
+        put_row(database, replace(rows_of(folder / SESSION)[0], status="redone"), 1)
+        add_row(database, empty)
+    out = tmp_path / "csv"
+    export(folder, {"csv": out})
+    rows = read_rows(out / "trials.csv")
+    assert [r.run for r in rows] == [1, 2, 3, 50, 104]
+    assert [r.status for r in rows] == ["redone", "done", "done", "aborted", "timeout"]
+    assert rows[3].recording == ""
+    assert json.loads((out / SESSION / "run-001.json").read_text())["outcome"]["status"] == "redone"

@@ -373,3 +373,26 @@ def test_what_each_figure_shows_is_the_definition_of_one_thing():
     assert [metric.name for metric in metrics.DRAWN] == [names[0] for names in DEFINITIONS.values()]
     assert set(metrics.DRAWN) < set(metrics.FIGURES)
     assert all(metric.compared for metric in metrics.FIGURES)
+
+
+def test_way_beyond_the_ends_has_no_weight():
+    ticks = np.arange(5200) - MOVE_FROM
+    x = np.interp(ticks, [0, 500, 3000, 3999], [-0.12, -0.1, 0.1, 0.15])
+    y = np.select([ticks < 500, ticks <= 3000], [0.5, 0.401], 0.5)
+    result = measured(hand_made(x=x, y=y))
+    assert result.path_error_m == pytest.approx(0.001, rel=3e-2) and result.peak_error_m == pytest.approx(0.1)
+
+
+def test_a_timeout_keeps_what_was_measured_over_the_progress_made():
+    ticks = np.arange(5200) - MOVE_FROM
+    x = -0.1 + 0.2 * np.clip(ticks / 3999, 0.0, 0.3)  # stuck after a third of the way
+    y = 0.4 + np.where(ticks < 0.3 * 3999, 0.002, 0.02)
+    result = measured(hand_made(x=x, y=y))
+    assert result.path_error_m == pytest.approx(0.002, rel=1e-2)
+    assert result.path_length_ratio == pytest.approx((0.06 + 0.018) / 0.2, rel=1e-2)
+
+
+def test_a_trial_that_never_came_to_move_has_no_measures():
+    recording = hand_made()
+    recording.columns["phase"][:] = tick_log.HOLD
+    assert metrics.trial_metrics(recording, PATH) == dict.fromkeys(metrics.BY_NAME)

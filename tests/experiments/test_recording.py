@@ -5,6 +5,7 @@ import json
 import sqlite3
 import stat
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from core.control.controllers import DECISIONS
 from core.files import InputError
 from experiments import atomic_files
 from experiments.analysis.trials_table import as_table, write_table
-from experiments.atomic_files import TRIES
+from experiments.atomic_files import TRIES, retry_while_locked
 from experiments.store import recording as recording_module
 from experiments.store.database import DATABASE, Database, reading, trials_in
 from experiments.store.recording import RecordingWriter, close_trial, read_recording
@@ -324,3 +325,39 @@ def test_the_tries_are_bounded_and_end_in_one_sentence(waits: list[float], tmp_p
         write_table(tmp_path / "trials.csv", as_table([]), replacing=True)
     assert len(tries) == TRIES == len(waits) + 1
     assert not list(tmp_path.iterdir())
+
+
+def test_an_exception_in_the_trial_keeps_its_ticks_without_an_end(database):
+    rows = ticks(150)
+    ring = rows.copy()
+    with pytest.raises(ZeroDivisionError), begun(database) as writer:
+        writer.write(ring)
+        ring[:] = np.nan  # what was given was copied
+        raise ZeroDivisionError
+    recording = recording_of(database)
+    assert not recording.complete and recording.damaged == []
+    assert_holds(recording, rows)
+
+
+def test_a_commit_waits_for_another_process(tmp_path):
+    with new_session_database(tmp_path) as database:
+        writer = begun(database)
+        writer.flush()
+        with contextlib.closing(sqlite3.connect(tmp_path / DATABASE, check_same_thread=False)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            threading.Timer(0.2, other.rollback).start()
+            writer.write(ticks(10))
+            writer.flush()
+
+
+@pytest.mark.parametrize("winerror", [5, 32, 33])
+def test_it_is_tried_again_until_it_is_free(waits: list[float], winerror: int) -> None:
+    refusals, done = [refused(winerror)] * 3, []
+
+    def do(word: str) -> None:
+        if refusals:
+            raise refusals.pop(0)
+        done.append(word)
+
+    retry_while_locked(do, "once")
+    assert done == ["once"] and len(waits) == 3

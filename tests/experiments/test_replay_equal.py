@@ -16,6 +16,7 @@ from sessions import closed_session, crash_in_trial, move_to_the_end, new_sessio
 
 from app.cli import main
 from core import tick_log
+from core.simulator.simulated_device import SimulatedDevice, ledger_warnings
 from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.study.replay import OTHER_VERSION, Replacement, replay
@@ -229,3 +230,14 @@ def test_a_trial_under_other_assumptions_replays_to_equal_ticks_and_equal_decisi
         assert said == ("start", True, 0), path
         assert read_recording(path).metadata["assumptions"] == msgspec.to_builtins(protocol.assumptions)
         assert told["warnings"] == []
+
+
+def test_energy_from_a_brake_is_a_doubt_whatever_else_the_ledger_says():
+    before = SimulatedDevice(PAPER.devices[0], (0.05, 0.40)).ledger()
+    assert ledger_warnings(before, before) == []
+    [doubt] = ledger_warnings(before, replace(before, added_by_brakes=2e-9))
+    assert "a brake added 2e-09 J" in doubt
+    assert len(ledger_warnings(before, replace(before, residual=float("nan")))) == 1
+    moved = replace(before, work_hand=1.0, heat=(0.9, 0.0, 0.1, 0.0))
+    assert ledger_warnings(before, replace(moved, residual=0.01)) == []
+    assert len(ledger_warnings(before, replace(moved, residual=0.03))) == 1

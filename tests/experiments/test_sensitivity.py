@@ -12,13 +12,13 @@ from refusals import refusal
 from app.cli import main
 from core.files import InputError
 from core.workspace import tip_is_free
-from experiments.analysis.findings import IN_BOXES, STATEMENTS, box_findings_of
+from experiments.analysis.findings import IN_BOXES, LEAST_FINISHED, STATEMENTS, box_findings_of
 from experiments.analysis.metrics import JUDGED
 from experiments.analysis.trials_table import as_table
 from experiments.protocol import load_protocol
 from experiments.sensitivity.changed_files import within_reach
 from experiments.sensitivity.indices import dependent_pairs, find_indices
-from experiments.sensitivity.judged import judge, read_trials, wilson
+from experiments.sensitivity.judged import boxes_of, judge, read_trials, wilson
 from experiments.sensitivity.ranges import AssumptionRange, load_ranges
 from experiments.sensitivity.report import Judgement, report_files
 from experiments.sensitivity.run import SensitivityRun, run_sensitivity
@@ -334,3 +334,31 @@ def test_the_interval_of_a_share_is_wilsons_and_holds_the_share():
         holding = np.arange(n + 1)
         low, high = wilson(holding, n)
         assert np.all(low <= holding / n) and np.all(holding / n <= high)
+
+
+def test_mixed_people_are_one_of_each_population_in_turn(small, tmp_path):
+    (tmp_path / "small.toml").write_bytes((small.parent / "small.toml").read_bytes())
+    (tmp_path / "mixed.toml").write_text(
+        'name = "mixed"\nprotocol = "small.toml"\noperators = 3\n'
+        '[population]\nchoices = ["average", "steady", "mixed"]\nsource = "x"\n'
+    )
+    study = load_ranges(tmp_path / "mixed.toml").study({"population": "mixed"}, 1)
+    assert [population.name for population in study.populations] == ["average", "steady"]
+
+
+def test_a_box_needs_nine_trials_of_ten_that_reached_the_end():
+    trials = made_trials(2)
+    assert LEAST_FINISHED == 0.9
+    of_cell = trials.query("sample == 1 and configuration == 'four-brake' and controller == 3").index
+    trials.loc[of_cell[:2], list(IN_BOXES)] = math.nan  # 2 of 18
+    boxes = boxes_of(trials)
+    assert (IN_BOXES[0], "four-brake", 3) not in boxes[1] and (IN_BOXES[0], "four-brake", 3) in boxes[2]
+    trials.loc[of_cell[:1], list(IN_BOXES)] = 1.0
+    values = trials.loc[of_cell, IN_BOXES[0]].dropna()
+    assert boxes_of(trials)[1][IN_BOXES[0], "four-brake", 3] == tuple(np.quantile(values, (0.25, 0.5, 0.75)))
+
+
+def test_a_sample_without_trials_holds_nothing(whole, tmp_path):
+    trials = pd.concat([read_trials(whole / "sensitivity.csv"), pd.DataFrame({"sample": [4]})])
+    judged = judge(trials, ("three-brake", "four-brake"), 1)
+    assert not judged.holds.iloc[3].any() and judged.cannot_tell.iloc[3].all() and len(judged.holds) == 4

@@ -350,3 +350,14 @@ def test_how_rough_a_controller_is_is_its_median_over_that_of_no_control_by_each
         assert found[device, "acceleration_dft_sum", "4", "1"] == 4.0
         assert found[device, "acceleration_exact_dft_sum", "4", "1"] == 16.0
     assert not any(measure == "sparc" for _, measure, _, _ in found)  # nearer 0 is smoother: no ratio
+
+
+def test_pooled_needs_both_devices_of_a_person():
+    rows = study(people=5)
+    some = [r for r in rows if not (r.participant == "03" and r.configuration == "four-brake")]
+    assert (
+        only(statistics(as_table(some)), test="mean", measure="path_error_m", configuration=POOLED, first="2").people
+        == 4
+    )
+    one = [r for r in rows if r.configuration == "four-brake"]
+    assert {r.configuration for r in statistics(as_table(one))} == {"four-brake", "all"}

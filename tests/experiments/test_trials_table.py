@@ -1,5 +1,6 @@
 """trials.csv: the promised columns, the same bytes for the same rows, nothing lost on the way back."""
 
+import math
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -131,3 +132,11 @@ def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often
     before_it = np.copy(ticks)
     before_it[:, tick_log.PHASE] = tick_log.APPROACH  # harmless there
     assert trial_flags(row, before_it) == []
+
+
+@pytest.mark.parametrize(
+    "column, value", [("measures", {"sparc": math.nan}), ("run", 1.5), ("status", "fine"), ("run", None)]
+)
+def test_a_row_that_the_table_cannot_hold_is_a_mistake_of_the_program(column, value):
+    with pytest.raises(ValueError, match="sparc" if column == "measures" else column):
+        table_bytes(as_table([replace(FULL, **{column: value})]))
