@@ -22,7 +22,7 @@ POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
 SYMBOLS = "o", "t1", "s", "d", "t"  # of the points of the first path, the second, ..; as in print
 SHAPES = "Circle", "Triangle", "Square", "Diamond", "Triangle down"  # their names
 APART_PX = 3.0  # between two names along an axis
-FOOT = 0.03  # of the plot's height, under the scale
+FOOT = 0.1  # of the scale, under it: the name of its low end is seen in a low plot, too
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 
 
