@@ -169,11 +169,11 @@ def play(recording: Path) -> int:
 
     read_playback(recording)  # InputError: it cannot be played
     display = ScreenCheck("play it on", "--json needs none")
-    trial_view = import_window_module("analyse.trial_view")
+    trial_window = import_window_module("analyse.trial_window")
     memory = import_window_module("widgets.memory")
     memory.begin()
     display.check(memory.scale())
-    return trial_view.run(recording)
+    return trial_window.run(recording)
 
 
 def table(summary: dict) -> str:

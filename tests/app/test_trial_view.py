@@ -1,12 +1,14 @@
 """A recorded trial on the screen: any moment of it looks as if it had been played; a click goes where it was made."""
 
+import contextlib
+import io
 import re
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_ways import Pieces, frames, trail_of
+from drawn_ways import Pieces, frames
 from fake_ticks import ALONG, trial
 from protocols import short
 from PySide6.QtCore import QPointF, Qt
@@ -16,7 +18,9 @@ from recorded import record
 from screens import settle
 from sessions import closed_session, new_session
 
-from app.window.analyse.trial_view import SPEEDS, TrialView, TrialWindow
+from app.cli import main
+from app.window.analyse.trial_view import SPEEDS, TrialView
+from app.window.analyse.trial_window import TrialWindow
 from app.window.widgets import theme
 from core import tick_log
 from core.device import load_device
@@ -24,13 +28,14 @@ from core.files import InputError
 from core.mechanism import JOINTS
 from experiments.store.recording import read_recording
 from experiments.study.playback import read_playback, ticks_of
-from experiments.study.replay import Replacement, replay
 
 THREE = load_device("three-brake")
 ABOUT = {
     "participant": "03", "run": 7, "configuration": "three-brake", "controller": 3, "segment": 1, "rules": "settled",
     "preset": {"name": "SDOF with gap"}, "start_m": ALONG.start_m, "end_m": ALONG.end_m, "block": 2,
 }  # fmt: skip
+ROWS = trial(THREE, ALONG, 3.0)
+T, LAST = ROWS[:, tick_log.T], len(ROWS) - 1
 
 
 def recorded(data: Path, rows: np.ndarray, **about) -> Path:
@@ -40,14 +45,14 @@ def recorded(data: Path, rows: np.ndarray, **about) -> Path:
     return record(session.folder, rows, metadata={**ABOUT, **about}, run=7)
 
 
-@pytest.fixture
-def rows() -> np.ndarray:
-    return trial(THREE, ALONG, 3.0)
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("trial"), ROWS)
 
 
 @pytest.fixture
-def window(qtbot, tmp_path: Path, rows: np.ndarray) -> TrialWindow:
-    window = TrialWindow(recorded(tmp_path, rows))
+def window(qtbot, recording: Path) -> TrialWindow:
+    window = TrialWindow(recording)
     qtbot.addWidget(window)
     window.show()
     return window
@@ -58,59 +63,72 @@ def view(window: TrialWindow) -> TrialView:
     return window.view
 
 
-def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path, rows: np.ndarray) -> None:
+def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path) -> None:
+    rows = ROWS.copy()
     rows[:, tick_log.STUCK] = np.arange(len(rows)) % 8  # three brakes
     back = ticks_of(read_recording(recorded(tmp_path, rows)))
-    unbraked = [tick_log.CURRENT + 3, tick_log.TORQUE + 3]
-    kept = [i for i in range(tick_log.WIDTH) if i not in unbraked]
+    kept = [i for i in range(tick_log.WIDTH) if i not in (tick_log.CURRENT + 3, tick_log.TORQUE + 3)]
     assert np.array_equal(back[:, kept], rows[:, kept], equal_nan=True)
 
 
-def test_it_says_which_trial_it_is(view: TrialView) -> None:
+def test_what_cannot_be_played_is_one_sentence(tmp_path: Path, recording: Path, qtbot) -> None:
+    assert read_playback(recording).device.name == "three-brake"
+    with pytest.raises(InputError, match="no device"):
+        read_playback(recorded(tmp_path / "b", ROWS, configuration="nobody-knows"))
+    with pytest.raises(InputError, match="no ticks"):
+        TrialWindow(recorded(tmp_path / "empty", ROWS[:0]))
+    with pytest.raises(InputError):
+        TrialWindow(tmp_path / "missing.parquet")
+
+
+def test_it_says_which_trial_it_is_and_the_pointer_reads_each_curve(view: TrialView) -> None:
     text = " · ".join(label.text() for label in (view.title, view.about))
     for part in ("Participant 03, trial 7", "SDOF with gap", "three-brake", "path 1", "block 2", "in no table"):
         assert part in text
+    at, row = QPointF(float(T[2000]), 0.0), ROWS[2000]
+    assert view.traces.force.read_at(at) == f"2.000 s: {np.hypot(row[tick_log.HAND_FX], row[tick_log.HAND_FY]):.1f} N"
+    currents = [f"{joint} {row[tick_log.CURRENT + i]:.2f} A" for i, joint in enumerate("AEB")]
+    assert view.traces.currents.read_at(at) == f"2.000 s: {', '.join(currents)}"
 
 
-def test_a_click_on_a_curve_goes_to_the_place_of_the_click(view: TrialView) -> None:
+def test_a_click_or_a_key_goes_to_its_moment_and_zooming_one_curve_zooms_all(view: TrialView) -> None:
     QApplication.processEvents()
-    for trace, share in product(view.traces.all, (0.1, 0.5, 0.93)):
-        wanted = share * view.trial.t[-1]
+    for trace, share in product(view.traces.all, (0.1, 0.93)):
+        wanted = share * T[-1]
         height = 0.4 * trace.item.viewRange()[1][1]
         place = trace.graph.mapFromScene(trace.item.vb.mapViewToScene(QPointF(wanted, height)))
         view.go_to(0.0)
         QTest.mouseClick(trace.graph.viewport(), Qt.MouseButton.LeftButton, pos=place)
-        pixel = view.trial.t[-1] / trace.item.vb.width()
-        assert view.trial.t[view.tick] == pytest.approx(wanted, abs=2.0 * pixel)
-        assert {line.marker.value() for line in view.traces.all} == {view.trial.t[view.tick]}  # one cursor in all
+        assert T[view.tick] == pytest.approx(wanted, abs=2.0 * T[-1] / trace.item.vb.width())
+        assert {line.marker.value() for line in view.traces.all} == {T[view.tick]}  # one cursor in all
+    for key, at in ((Qt.Key.Key_End, LAST), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100), (Qt.Key.Key_Left, 0)):
+        QTest.keyClick(view, key)
+        assert view.tick == pytest.approx(at, abs=2)
+    assert all(f"{key}: {does}" in view.play_button.toolTip() for key, (does, _) in view.keys().items())
+    speed = view.speed.value()
+    QTest.keyClick(view, Qt.Key.Key_Up)
+    assert view.speed.value() == SPEEDS[SPEEDS.index(speed) + 1]
+    view.traces.force.item.setXRange(1.0, 1.05, padding=0.0)
+    for trace in view.traces.all:
+        assert trace.item.viewRange()[0] == pytest.approx([1.0, 1.05])
+    seen = view.traces.force.curves[0].getData()[0]
+    assert len(seen) >= 50 and np.diff(seen).max() == pytest.approx(0.001), "every tick is shown"
 
 
-def test_the_pointer_reads_each_curve(view: TrialView, rows: np.ndarray) -> None:
-    at = QPointF(float(rows[2000, tick_log.T]), 0.0)
-    force = np.hypot(rows[2000, tick_log.HAND_FX], rows[2000, tick_log.HAND_FY])
-    assert view.traces.force.read_at(at) == f"2.000 s: {force:.1f} N"
-    currents = [f"{joint} {rows[2000, tick_log.CURRENT + i]:.2f} A" for i, joint in enumerate("AEB")]
-    assert view.traces.currents.read_at(at) == f"2.000 s: {', '.join(currents)}"
-
-
-def test_space_and_the_button_play_and_pause(qtbot, window: TrialWindow, view: TrialView) -> None:
+def test_space_and_the_button_play_and_pause_it_stops_at_the_end_and_begins_anew(qtbot, view: TrialView) -> None:
     view.speed.setCurrentIndex(SPEEDS.index(min(SPEEDS)))  # it must not come to its end
     QTest.keyClick(view, Qt.Key.Key_Space)
     assert view.playing and view.play_button.text() == "Pause"
-    qtbot.waitUntil(lambda: view.tick > 50, timeout=60_000)
+    qtbot.waitUntil(lambda: view.tick > 20, timeout=60_000)
     QTest.mouseClick(view.play_button, Qt.MouseButton.LeftButton)
-    assert not view.playing
     at = view.tick
     QTest.qWait(50)
-    assert view.tick == at and view.traces.error.marker.value() == view.trial.t[at]
-
-
-def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
-    view.go_to(view.trial.t[-2])
+    assert not view.playing and view.tick == at and view.traces.error.marker.value() == T[at]
+    view.go_to(T[-2])
     view.play_or_pause()
     view.go_on(1.0)
     view.frame()
-    assert view.tick == len(view.trial.ticks) - 1 and not view.playing
+    assert view.tick == LAST and not view.playing
     now, end = view.clock.text().removesuffix(" s").split(" / ")
     assert now == end, "no time is shown that the trial does not have"
     view.play_or_pause()
@@ -118,57 +136,31 @@ def test_it_stops_at_the_end_and_begins_anew(view: TrialView) -> None:
     view.play_or_pause()
 
 
-def test_any_moment_looks_as_if_it_had_been_played_and_brakes_do_what_they_did_at_that_moment(view, rows) -> None:
-    for _ in range(125):
-        view.go_on(0.016)
-    played, at = view.workspace.view, view.tick
-    tip, sense, moves = played.tip, played.sense, rows[: at + 1, tick_log.PHASE] == tick_log.MOVE
-    view.go_to(0.0)
-    assert played.tip == tuple(rows[0, 2:4]) and not len(trail_of(played))
-    view.go_to(view.trial.t[at])
-    assert view.tick == at and played.tip == tip == tuple(rows[at, 2:4])
-    assert played.sense == sense and np.array_equal(trail_of(played), rows[: at + 1, 2:4][moves])
-    rows[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
-    rows[-150:, tick_log.CURRENT] = 1.0
-    view.trial.ticks[:] = rows
-    view.go_to(view.trial.t[-1])
-    states = {joint: doing.state for joint, doing in view.workspace.view.doing.items()}
-    assert states["A"] != "off" and states["E"] == "off"
-
-
-def test_a_replay_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent(view, rows, monkeypatch) -> None:
-    pieces, generator = Pieces(monkeypatch), np.random.default_rng(3)
-    shown = view.workspace.view
+def test_it_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent(view: TrialView, monkeypatch) -> None:
+    pieces, generator, shown = Pieces(monkeypatch), np.random.default_rng(3), view.workspace.view
 
     def off_px() -> float:
         shown.grab()
-        return pieces.furthest_px(shown, rows[: view.tick + 1])
+        return pieces.furthest_px(shown, ROWS[: view.tick + 1])
 
-    for _, until in frames(rows, generator):
-        view.go_on(float(rows[until - 1, tick_log.T]) - view.played_s + 1e-6)
+    for _, until in frames(ROWS, generator):
+        view.go_on(float(T[until - 1]) - view.played_s + 1e-6)
         shown.grab()
-    assert view.tick == len(rows) - 1 and off_px() < 1.0
-    for at in generator.integers(len(rows) // 2, len(rows), 5):
-        view.go_to(float(rows[at, tick_log.T]))
-        assert off_px() < 1.0
+    assert view.tick == LAST and off_px() < 1.0
+    for at in generator.integers(len(ROWS) // 2, len(ROWS), 3):
+        view.go_to(float(T[at]))
+        assert off_px() < 1.0 and shown.tip == tuple(ROWS[at, 2:4])
         view.go_on(0.05)
         assert off_px() < 1.0
-
-
-def test_keys_step_jump_and_change_the_speed(view: TrialView) -> None:
-    last = len(view.trial.ticks) - 1
-    for key, at in ((Qt.Key.Key_End, last), (Qt.Key.Key_Home, 0), (Qt.Key.Key_Right, 100)):
-        QTest.keyClick(view, key)
-        assert view.tick == pytest.approx(at, abs=2)
-    assert all(f"{key}: {does}" in view.play_button.toolTip() for key, (does, _) in view.keys().items())
-    speed = view.speed.value()
-    QTest.keyClick(view, Qt.Key.Key_Up)
-    assert view.speed.value() == SPEEDS[SPEEDS.index(speed) + 1]
+    view.trial.ticks[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
+    view.trial.ticks[-150:, tick_log.CURRENT] = 1.0
+    view.go_to(T[-1])
+    states = {joint: doing.state for joint, doing in shown.doing.items()}
+    assert states["A"] != "off" and states["E"] == "off", "brakes do what they did at that moment"
 
 
 def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(view: TrialView) -> None:
-    t = 0.001 * np.arange(3000)
-    currents = np.zeros((4, 3000))
+    t, currents = 0.001 * np.arange(3000), np.zeros((4, 3000))
     currents[3] = np.nan  # C has no brake
     currents[0, ::4] = 0.8  # on in one tick of four
     trace = view.traces.currents
@@ -193,70 +185,48 @@ def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024
     trace.names = dict(zip(JOINTS, JOINTS, strict=True))
     trace.show_trial(0.001 * np.arange(3000), np.ones((4, 3000)))
     trace.show_cursor(1500)
-    assert (
-        trace.figures.text().count("1.00 on 100 %") == 4
-        and theme.text_width(trace.figures.text(), theme.SMALL) < trace.figures.width()
-    )
+    text = trace.figures.text()
+    assert text.count("1.00 on 100 %") == 4 and theme.text_width(text, theme.SMALL) < trace.figures.width()
 
 
-def test_zooming_one_curve_zooms_all_and_shows_every_tick(view: TrialView) -> None:
-    view.traces.force.item.setXRange(1.0, 1.05, padding=0.0)
-    for trace in view.traces.all:
-        assert trace.item.viewRange()[0] == pytest.approx([1.0, 1.05])
-    seen = view.traces.force.curves[0].getData()[0]
-    assert len(seen) >= 50 and np.diff(seen).max() == pytest.approx(0.001)
+def in_this_process(arguments: tuple[str, ...], module: str, given: bytes) -> str:
+    """What a verb prints, in place of its own process, which the export has, too."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert main([*arguments]) == 0
+    return printed.getvalue()
 
 
-@pytest.fixture
-def replayed(tmp_path: Path) -> tuple[Path, int]:
-    """A recording, and another controller through which its hand has gone here: the process that does it again finds
-    its kernels compiled, which takes minutes on a busy machine."""
+def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path: Path) -> None:
     session = closed_session(tmp_path / "data", 1, protocol=short())
-    recording = session.folder / session.rows[0].recording
-    other = 4 if session.rows[0].controller != 4 else 2  # with the low gain it would come out as without
-    replay(recording, Replacement(other))
-    return recording, other
-
-
-def test_the_same_hand_through_another_controller_stands_beside(qtbot, replayed: tuple[Path, int]) -> None:
-    recording, other = replayed
-    window = TrialWindow(recording)
+    window = TrialWindow(session.folder / session.rows[0].recording)
     qtbot.addWidget(window)
     window.show()
     view = window.view
-    index = view.beside.findText(view.trial.controllers[other])
-    view.beside.setCurrentIndex(index)
-    view.beside.activated.emit(index)
+    view.replay._through = in_this_process
+    other = 4 if session.rows[0].controller != 4 else 2  # with the low gain it would come out as without
+
+    def choose(index: int) -> None:
+        view.beside.setCurrentIndex(index)
+        view.beside.activated.emit(index)
+
+    choose(view.beside.findText(view.trial.controllers[other]))
     assert "is being simulated" in view.note.text()
     qtbot.waitUntil(lambda: "compared" in view.measures.text(), timeout=120_000)
     assert "would feel the difference" in view.note.text()
-    _, recorded, beside = (re.findall(r"([\d.]+) ", line) for line in view.measures.text().split("<tr>")[1:])
-    assert len(recorded) == len(beside) == 4 and recorded[:3] != beside[:3]
+    _, here, beside = (re.findall(r"([\d.]+) ", line) for line in view.measures.text().split("<tr>")[1:])
+    assert len(here) == len(beside) == 4 and here[:3] != beside[:3]
     assert np.nanmax(view.traces.error.beside.getData()[1]) > 0.0
-    view.beside.setCurrentIndex(0)
-    view.beside.activated.emit(0)
+    choose(0)
     assert "compared" not in view.measures.text() and not len(view.traces.error.beside.getData()[1] or [])
 
 
-def test_a_recording_plays_on_the_device_of_its_session_and_nothing_to_play_is_one_sentence(
-    tmp_path: Path, rows: np.ndarray, qtbot
-) -> None:
-    assert read_playback(recorded(tmp_path / "a", rows)).device.name == "three-brake"
-    with pytest.raises(InputError, match="no device"):
-        read_playback(recorded(tmp_path / "b", rows, configuration="nobody-knows"))
-    with pytest.raises(InputError, match="no ticks"):
-        TrialWindow(recorded(tmp_path / "empty", rows[:0]))
-    with pytest.raises(InputError):
-        TrialWindow(tmp_path / "missing.parquet")
-
-
-def test_code_out_of_the_folder_is_asked_about_before_a_replay_runs_it(qtbot, window, view, monkeypatch) -> None:
+def test_code_out_of_the_folder_is_asked_about_before_a_replay_runs_it(view: TrialView, monkeypatch) -> None:
     asked, allowed, run = {"odd.py (SHA-256 123)": "text"}, [], []
     monkeypatch.setattr("app.window.widgets.own_code.unallowed_code", lambda folder: asked)
     monkeypatch.setattr("app.window.widgets.own_code.allow_code", allowed.extend)
     monkeypatch.setattr(view.replay, "begin", lambda *arguments: run.append(arguments[0]))
     view.compare(2)
-    no, yes = view.cards.question.buttons
+    no, _ = view.cards.question.buttons
     assert "odd.py" in view.cards.question.text.text() and not run
     no.click()
     assert not run and not allowed and view.cards.question is None

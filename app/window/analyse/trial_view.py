@@ -1,11 +1,9 @@
 """A recorded trial: its workspace, its curves with one cursor, its measures, and its hand through another controller.
 
-The side of the page Analyse, or (`phd replay RECORDING`) a window of its own.
+The side of the page Analyse, or all of `trial_window`.
 """
 
 import math
-import signal
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -13,27 +11,26 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QResizeEvent, QShortcut
-from PySide6.QtWidgets import QApplication, QBoxLayout, QWidget
+from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent
+from PySide6.QtWidgets import QBoxLayout
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
 from app.window.canvas.force_view import LINKAGE, RefreshClock
 from app.window.canvas.layers import extent_of_paths
 from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
-from app.window.widgets import memory, palette, theme
+from app.window.widgets import theme
 from app.window.widgets.cards import Cards
-from app.window.widgets.garbage import Collector
 from app.window.widgets.own_code import ask_own_code
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import NOTHING, start_of_hold
-from app.window.widgets.theme import COLOURS, colour_at, show_fitted
+from app.window.widgets.theme import COLOURS, colour_at
 from app.window.widgets.words import SHORT, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import BY_NAME, DRAWN, METRICS
 from experiments.analysis.trials_table import COUNTED, TrialRow
-from experiments.study.playback import Comparison, Playback, read_comparison, read_playback
+from experiments.study.playback import Comparison, Playback, read_comparison
 
 FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -42,7 +39,6 @@ NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from 
 WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
 LOW_PX = 492  # a lower side of the page, has the curves alone
 AROUND_M = 0.03  # what is seen around the path
-LARGEST = (1280, 720)  # px, as a window of its own opens
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
 COMPARE = "Compare with …"
 WHOLE_TIME = "The clock begins with the approach; Duration is the movement."
@@ -348,34 +344,3 @@ class TrialView(Panel):
         """Stop playing, and the replay."""
         self._stop()
         self._forget_replay()
-
-
-class TrialWindow(QWidget):
-    """A trial in a window of its own."""
-
-    def __init__(self, path: Path) -> None:
-        """InputError if there is nothing to play."""
-        super().__init__()
-        self.setWindowTitle(f"phd: {path.name}")
-        self.view = TrialView(whole=True)
-        self.setLayout(column(self.view, margins=(10, 10, 10, 10)))
-        self.view.show_trial(read_playback(path))
-        self.setFocusProxy(self.view)
-        QShortcut(QKeySequence(Qt.Key.Key_Escape), self, self.close)
-        self.resize(*LARGEST)
-
-    def closeEvent(self, event: QCloseEvent) -> None:
-        self.view.end()
-        super().closeEvent(event)
-
-
-def run(path: Path) -> int:
-    """Play a recording in a window of its own until it is closed. InputError if there is nothing to play."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # nothing is written here; Python's own handler waits for an event
-    application = QApplication(sys.argv[:1])
-    Collector(application)
-    palette.choose(memory.remembered(memory.DARK_OR_LIGHT))
-    theme.apply_theme(application)
-    window = TrialWindow(path)
-    show_fitted(window, *LARGEST)
-    return application.exec()
