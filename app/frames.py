@@ -20,7 +20,7 @@ from experiments.analysis.trials_table import DICTIONARY, as_table, complete, ow
 from experiments.export.files import RECORDING, own_columns_described
 from experiments.protocol import Protocol, load_protocol, read_protocol
 from experiments.simulate.scene import read_scene, scene_file
-from experiments.simulate.simulate import simulate
+from experiments.simulate.simulate import ENERGY_COLUMNS, simulate
 from experiments.store.files import TABLE, pooled_rows, sessions_in
 from experiments.store.own_code import allow_code, unallowed_code
 from experiments.store.recording import read_recording
@@ -63,7 +63,7 @@ def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFra
     for warning in summary.pop("warnings"):
         warnings.warn(warning, stacklevel=2)
     units = {name: RECORDING[name].unit if name in RECORDING else "" for name in frame}
-    frame.attrs = {"units": units, "summary": summary}
+    frame.attrs = {"units": units | dict.fromkeys(ENERGY_COLUMNS, "J"), "summary": summary}
     return frame
 
 

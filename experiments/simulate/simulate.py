@@ -58,6 +58,7 @@ ROUNDING = 1e-9  # relative, of a force file's two components: a push of push_N 
 
 #: Columns of a chunk, beside those of `core.simulator.simulation`.
 X, TORQUE = 1, 5
+ENERGY_COLUMNS = ("work_hand_J", "heat_brakes_J", "kinetic_J", "lost_at_stops_J")  # of the output
 GUARD = ROW_WIDTH  # where there is a guard: its decision
 LOCKED, TOO_LATE = "lock", "lock: too late"  # words of the guard; where the brakes are free it has none
 
@@ -285,13 +286,12 @@ def row_places(scene: Scene) -> dict[str, int]:
     tip = ("tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s")
     joints = {joint: JOINTS.index(joint) for joint in scene.device.braked}
     currents = {} if scene.fidelity == "ideal" else joints
-    energies = ("work_hand_J", "heat_brakes_J", "kinetic_J", "lost_at_stops_J")
     return (
         {name: X + place for place, name in enumerate(tip)}
         | {f"torque_{joint}_N_m": TORQUE + i for joint, i in joints.items()}
         | {"stuck": STUCK, "hand_fx_N": HAND, "hand_fy_N": HAND + 1}
         | {f"current_{joint}_A": COMMANDS + i for joint, i in currents.items()}
-        | {name: ENERGIES + place for place, name in enumerate(energies)}
+        | {name: ENERGIES + place for place, name in enumerate(ENERGY_COLUMNS)}
     )
 
 

@@ -14,7 +14,16 @@ from core import tick_log
 from core.files import InputError
 from core.tick_log import TICK_S
 from experiments.analysis.chart_figures import SCREEN, draw_boxplots
-from experiments.analysis.findings import CANNOT_TELL, DEPENDS, FAILS, HOLDS, Finding, findings, why_no_findings
+from experiments.analysis.findings import (
+    CANNOT_TELL,
+    DEPENDS,
+    FAILS,
+    HOLDS,
+    Finding,
+    box_findings_of,
+    findings,
+    why_no_findings,
+)
 from experiments.analysis.gap_reading import GapReadOtherwise
 from experiments.analysis.own_measures import own_metrics
 from experiments.analysis.report import warnings, write_report
@@ -166,7 +175,11 @@ class StudyRun:
             ],
             "recovered": int((table["status"] == "recovered").sum()),
             "in_doubt": self.done["in_doubt"],
-            "findings": refusal or verdicts(found),
+            "findings": refusal
+            or (
+                f"by boxes {verdicts(box_findings_of(table))}; within participants {verdicts(found)}; of the "
+                f"paper's 11, why: {REPORT}/report.md"
+            ),
             "protocol": protocol.name,
             "population": population.name,
             "operator_numbers_changed_after_findings": list(population.changed_after_findings) or "none",
@@ -272,7 +285,6 @@ def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[str]]:
 
 
 def verdicts(found: Sequence[Finding]) -> str:
-    """The paper's statements counted by verdict, as a sentence."""
+    """The paper's statements counted by verdict."""
     counted = Counter(finding.verdict for finding in found)
-    counts = ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL, DEPENDS))
-    return f"{counts} (of the paper's {len(found)}, within participants; by boxes, and why: {REPORT}/report.md)"
+    return ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL, DEPENDS))

@@ -71,7 +71,10 @@ def test_a_recording_and_its_replay_are_frames(folder: Path):
 def test_a_scene_has_the_rows_of_its_file_from_a_path_or_from_text(tmp_path: Path):
     simulate(read_scene(LOCKED), tmp_path / "motion.csv")
     there = pd.read_csv(tmp_path / "motion.csv", keep_default_na=False)
-    pd.testing.assert_frame_equal(phd.run_scene(LOCKED), there)
+    motion = phd.run_scene(LOCKED)
+    pd.testing.assert_frame_equal(motion, there)
+    without = [name for name, unit in motion.attrs["units"].items() if not unit]
+    assert without == ["stuck"] and motion.attrs["units"]["kinetic_J"] == "J"
     pd.testing.assert_frame_equal(phd.run_scene(LOCKED.read_text(), LOCKED.parent), there)
     with pytest.raises(phd.InputError, match="device"):
         phd.run_scene(LOCKED.read_text().replace("three-brake", "no-such"))
