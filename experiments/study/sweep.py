@@ -30,7 +30,7 @@ from experiments.protocol import Protocol, load_protocol, presets_of, read_code
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
 from experiments.study.sweep_results import SEED, draw_effects, effects, moves_most, rank_sentences, ranks, read_sweep
-from experiments.study.unrecorded import person_of, run_measured, switched_on, trial_of
+from experiments.study.unrecorded import after_the_last_path, person_of, run_measured, trial_of
 from experiments.trial.population import USUAL, Population, load_population
 
 Names = Annotated[tuple[Text, ...], msgspec.Meta(min_length=1)]
@@ -151,7 +151,7 @@ class SweepCell:
     def run(self) -> Done:
         """Run the trials; their rows, in the order of the table's columns."""
         person = person_of(self.population, self.protocol.seed, self.operator)
-        device = switched_on(self.device, self.protocol)
+        device = after_the_last_path(self.device, self.protocol)
         lines, ticks = [], 0
         for repetition in range(1, self.repetitions + 1):
             for segment in self.protocol.paths:

@@ -16,6 +16,7 @@ from core import tick_log
 from core.control.controllers import Preset, make_preset
 from core.device import Device
 from core.files import InputError
+from core.path import build_path, point_at
 from core.simulator.simulated_device import SimulatedDevice, start_again
 from core.tick_log import TICK_S
 from experiments.analysis import steering
@@ -54,8 +55,17 @@ def person_of(population: Population, seed: int, operator: int) -> Person:
 
 def switched_on(device: Device, protocol: Protocol) -> SimulatedDevice:
     """A device under the protocol's assumptions as a session begins: at rest in the middle of the first path."""
-    assumed, middle = protocol.assumptions, middle_of_first(protocol.paths)
-    return SimulatedDevice(assumed.applied_to(device), middle)
+    return SimulatedDevice(protocol.assumptions.applied_to(device), middle_of_first(protocol.paths))
+
+
+def after_the_last_path(device: Device, protocol: Protocol) -> SimulatedDevice:
+    """A device under the protocol's assumptions at rest where the last path ends, as after a trial on it.
+
+    From where a handle comes to the start changes the trial: the brakes' drag holds part of that motion's force.
+    """
+    path = build_path(list(protocol.paths.values())[-1], "path")
+    x, y, _, _ = point_at(path, path.length)
+    return SimulatedDevice(protocol.assumptions.applied_to(device), (float(x), float(y)))
 
 
 def trial_of(
