@@ -9,8 +9,6 @@ from core.files import InputError, StrangeInput
 from core.number_table import number, number_table
 from core.ranges import FORCE, PLACE
 
-pytestmark = pytest.mark.nojit
-
 NEEDED = ("t_s", "fx_N")
 
 

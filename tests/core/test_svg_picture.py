@@ -8,8 +8,6 @@ from core.drawn_path import read_path
 from core.files import InputError
 from core.svg_picture import shown_lines
 
-pytestmark = pytest.mark.nojit
-
 
 @pytest.mark.parametrize("attributes, inside", DRAWINGS.values(), ids=DRAWINGS)
 def test_the_path_of_a_picture_is_where_a_renderer_draws_it(attributes, inside):

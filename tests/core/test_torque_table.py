@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.brake import current_for_torque, torque_gain
@@ -34,6 +34,7 @@ def brake_of(gain, current_max=1.0, knee=0.2):
     return brake, pack_brakes(build_brakes({"A": brake}), backlash=False)[0]
 
 
+@settings(max_examples=25)
 @given(tables)
 def test_a_table_is_a_torque_that_rises_through_its_points_without_corners_and_has_an_inverse(table):
     brake, record = brake_of(f"torque_table = {[list(row) for row in table]}", table[-1][0])

@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from protocols import short
 
@@ -124,6 +124,7 @@ def test_a_study_in_processes_has_the_same_numbers_and_a_bar(tmp_path: Path, cap
         phd.run_study(protocol, n_jobs=0)
 
 
+@settings(max_examples=15)
 @given(
     links=st.tuples(*[st.floats(0.2, 0.4)] * 4),
     apart=st.floats(0.0, 0.1),
