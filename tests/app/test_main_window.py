@@ -18,7 +18,7 @@ from app.ipc import messages as m
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, HOME, RUN, TRY
-from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY
+from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY, Preflight
 from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -49,6 +49,11 @@ def test_pills_are_of_what_is_not_green_and_differ_by_shape_and_green_is_one_mar
     shapes = {m.BAD: "✕", m.CAUTION: "▲", m.WAITING: "○"}
     states = {check.name: check.state for check in said.checks}
     assert [pill.mark.text() for pill in pills] == [shapes[states[name]] for name in names]
+
+
+def test_before_the_session_server_has_said_anything_no_light_is_green(screens: Screens) -> None:
+    at_first = Preflight()
+    assert (at_first.mark.text(), at_first.all_well.text()) == ("○", "One moment …")
 
 
 def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens, monkeypatch) -> None:

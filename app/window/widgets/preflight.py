@@ -92,7 +92,7 @@ class Preflight(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.setCursor(Qt.CursorShape.PointingHandCursor)
-        self.mark, self.all_well = text_label("●", "good"), text_label(size=theme.NORMAL)
+        self.mark, self.all_well = text_label(), text_label()
         self._well = holder(row(self.mark, self.all_well, spacing=8, margins=(0, 0, 6, 0)))
         self.pills: list[Pill] = []
         self.brakes = BrakesButton()
@@ -100,6 +100,7 @@ class Preflight(QWidget):
         self.brakes.setFixedHeight(34)
         self._row = row(spacing=2 * GAP_PX)
         self.setLayout(row(1, self._row, self._well))
+        self.show_snapshot(m.Snapshot(m.PREPARING))
 
     def fit_words(self) -> None:
         """Show the words of as many pills as have room for them, the reddest first, and of no pill a part of them."""
