@@ -140,7 +140,7 @@ def test_a_gain_feels_the_encoders_as_far_as_their_steps_are_coarse(page: Device
 
 def test_of_hardware_that_reports_no_state_nothing_is_claimed_but_that_it_is_there() -> None:
     found = readiness(ready(3, checks=WELL), status(board="")._replace(report={}), {})
-    assert found["Board"].text == "four-brake is connected" and found["Brakes"].text == "no fault"
+    assert found["Board"].text == "Four-brake is connected" and found["Brakes"].text == "No fault"
 
 
 def test_a_fault_stands_in_the_row_of_what_it_is_of() -> None:
@@ -190,7 +190,7 @@ def test_the_page_says_what_comes_next_offers_it_and_sends_it(bench: Bench, page
     session, snapshot, changes, title, text, main, can = SHOWN[case]
     page.show_pulse(told(status(**changes)))
     show(page, opened(session, **ON_BENCH), snapshot)
-    assert page.title.text() == title and text in page.text.text()
+    assert page.title.text() == title and text in page.text.text() and page.text.text()[0].isupper()
     assert {step for step, pressed in page.again.items() if pressed.isEnabled()} == can
     assert page.main.isVisible() == (main is not None) and faults(page) == []
     if main is not None:

@@ -173,7 +173,7 @@ class DevicePage(Page):
             shape, look = MARKS[check.state]
             mark.setText(shape)
             theme.set_style(mark, look)
-            words.setText(breakable(check.text[:1].upper() + check.text[1:]))
+            words.setText(breakable(check.text))
 
     def _show_next(self, shown: NextStep) -> None:
         self.next = shown

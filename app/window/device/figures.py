@@ -125,7 +125,7 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
         name = {"Device": of_device, m.FORCE_SENSOR: FORCE if reached else ""}.get(check.name, "")
         if name and check.state != m.GOOD:
             found[name] = check._replace(text=check.text if check.state in (m.DUE, m.WAITING) else told(check))
-    return found
+    return {name: check._replace(text=check.text[:1].upper() + check.text[1:]) for name, check in found.items()}
 
 
 def quantisation(device: Device, status: m.DeviceStatus, controllers: dict[int, Preset]) -> tuple[float, ...] | None:
