@@ -1,7 +1,7 @@
-"""The messages between the processes.
+"""The messages between a window and its session server.
 
 The window sends commands; the session server sends its state. The window holds no state of the experiment: `Opened` and
-the newest `Snapshot` are all of it. The session server gives jobs to the control loop, which answers each.
+the newest `Snapshot` are all of it.
 """
 
 import json
@@ -12,16 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 from experiments.inputs import MOUSE
 
 if TYPE_CHECKING:  # else each process imports all of this before it can start the next
-    import numpy as np
-
-    from app.ipc.scheduling import Scheduling
-    from core.device import Device
-    from core.device_interface import ZeroRecord
     from experiments.analysis.metrics import Metrics
     from experiments.analysis.trials_table import TrialRow
     from experiments.plan import PlannedTrial
     from experiments.protocol import Protocol
-    from experiments.trial.trial import Trial, TrialState
 
 Point = tuple[float, float]  # m
 
@@ -379,86 +373,6 @@ class Timing(NamedTuple):
     tick_max_us: float | None = None  # longest time that a tick took
 
 
-class Pulse(NamedTuple):
-    """About ten times a second, and before every change of the state: proof of recording and timing."""
-
-    proof: Proof | None  # None: nothing is being recorded
-    timing: Timing | None
-    verified: int  # earlier runs of this session whose recording was verified
-    device: "DeviceStatus | None" = None  # a real one, while no trial runs; None: not reported yet
-
-
-# ----------------------------------------------------------------------------------------- jobs: session server -> loop
-
-REAL_TIME, DEFAULT = "real-time", "default"  # what the loop is started with: scheduling that it may try
-
-
-class CheckTiming(NamedTuple):
-    """Keep this many deadlines without work, to measure lateness."""
-
-    ticks: int
-
-
-class RunTrial(NamedTuple):
-    """Run a trial to its end, or until it is to be handed back."""
-
-    trial: "Trial"
-
-
-class Connect(NamedTuple):
-    """Connect the board of one of these devices, the first that is found."""
-
-    devices: "tuple[Device, ...]"
-
-
-class HomeAt(NamedTuple):
-    """Set the encoders: the handle is held at `tip` (m)."""
-
-    tip: tuple[float, float]
-
-
-class TakeZero(NamedTuple):
-    """Take the present readings as zero: the handle is free."""
-
-
-class Reset(NamedTuple):
-    """Reset the faults of the board and the brakes-off, unless it was pressed again since."""
-
-    presses: int  # of the brakes-off, so far (`Ring.presses`)
-
-
-LoopJob = CheckTiming | RunTrial | Connect | HomeAt | TakeZero | Reset
-
-
-# -------------------------------------------------------------------------------------- answers: loop -> session server
-
-
-class Compiling(NamedTuple):
-    """The loop compiles its kernels, which it does once on a computer."""
-
-    number: int  # of the kernel
-    of: int
-    linking: bool  # all are compiled, and are made one
-
-
-class Prepared(NamedTuple):
-    """The loop can run trials."""
-
-    scheduling: "Scheduling"  # that the loop got
-
-
-class TimingChecked(NamedTuple):
-    """The lateness of ticks without work."""
-
-    lateness_us: "np.ndarray"  # (n,)
-
-
-class TrialReturned(NamedTuple):
-    """A trial has ended, or is handed back before its end."""
-
-    state: "TrialState"  # for `Trial.take_back`
-
-
 class DeviceStatus(NamedTuple):
     """The state of a real device, about ten times a second while no trial runs."""
 
@@ -491,28 +405,10 @@ class DeviceStatus(NamedTuple):
         return f"By the encoders, which are homed already, the handle is {1e3 * off_m:.1f} mm from its jig."
 
 
-class ConnectEnded(NamedTuple):
-    """The search for boards has ended; the `DeviceStatus` just before has its result."""
+class Pulse(NamedTuple):
+    """About ten times a second, and before every change of the state: proof of recording and timing."""
 
-
-class HomeSet(NamedTuple):
-    """The encoders were set with the handle at `tip`, m."""
-
-    tip: tuple[float, float]
-
-
-class Zeroed(NamedTuple):
-    """The zero that was taken."""
-
-    record: "ZeroRecord"
-
-
-class NotDone(NamedTuple):
-    """A job failed."""
-
-    why: str
-
-
-LoopAnswer = (
-    Compiling | Prepared | TimingChecked | TrialReturned | DeviceStatus | ConnectEnded | HomeSet | Zeroed | NotDone
-)
+    proof: Proof | None  # None: nothing is being recorded
+    timing: Timing | None
+    verified: int  # earlier runs of this session whose recording was verified
+    device: DeviceStatus | None = None  # a real one, while no trial runs; None: not reported yet

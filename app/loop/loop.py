@@ -22,7 +22,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from app.ipc import messages as m
+from app.ipc import jobs
+from app.ipc.messages import DeviceStatus
 from app.ipc.ring import CONTROL, Ring
 from app.ipc.scheduling import take_scheduling
 from app.loop.clock import NATIVE, new_timer, timer_words
@@ -90,15 +91,15 @@ class Loop:
         scheduling = take_scheduling(real_time)._replace(timer=timer_words(self._timer))
         self.ring.control.core, self.ring.control.pid = scheduling.core, os.getpid()
         watchers.clear()
-        self._answer(m.Prepared(scheduling))
+        self._answer(jobs.Prepared(scheduling))
 
     def _tell_compiling(self, number: int, of: int, name: str) -> None:
         if name:
-            self._answer(m.Compiling(number, of, name == LINKING))
+            self._answer(jobs.Compiling(number, of, name == LINKING))
 
-    def work(self, jobs: BinaryIO) -> None:
+    def work(self, given: BinaryIO) -> None:
         """Jobs from a pipe, until it ends."""
-        threading.Thread(target=self._listen, args=(jobs,), name="jobs", daemon=True).start()
+        threading.Thread(target=self._listen, args=(given,), name="jobs", daemon=True).start()
         try:
             while True:
                 try:
@@ -113,51 +114,51 @@ class Loop:
             if self.device is not None:
                 self.device.close()
 
-    def _listen(self, jobs: BinaryIO) -> None:
+    def _listen(self, given: BinaryIO) -> None:
         """Reading a job may wait, so it has a thread of its own. At the end of the pipe a running trial ends."""
         try:
             with contextlib.suppress(EOFError, pickle.UnpicklingError, OSError):
                 while True:
-                    self.jobs.put(pickle.load(jobs))
+                    self.jobs.put(pickle.load(given))
         finally:
             self.ring.control.server_beat = 0
             self.jobs.put(None)
 
-    def _answer(self, answer: m.LoopAnswer) -> None:
+    def _answer(self, answer: jobs.LoopAnswer) -> None:
         try:
             pickle.dump(answer, self._answers)
             self._answers.flush()
         except OSError as error:  # the server is gone; Windows calls that an invalid argument
             raise BrokenPipeError from error
 
-    def do(self, job: m.LoopJob) -> None:
+    def do(self, job: jobs.LoopJob) -> None:
         """Do a job and send the answer."""
         try:
             match job:
-                case m.CheckTiming(ticks):
+                case jobs.CheckTiming(ticks):
                     lateness = np.empty(ticks)
                     run_idle(lateness, self._timer)
-                    self._answer(m.TimingChecked(lateness))
-                case m.RunTrial(trial):
+                    self._answer(jobs.TimingChecked(lateness))
+                case jobs.RunTrial(trial):
                     self.run(trial)
-                    self._answer(m.TrialReturned(trial.state))
+                    self._answer(jobs.TrialReturned(trial.state))
                     if trial.finished:  # else it comes back at once
                         gc.collect()
-                case m.Connect(devices):
+                case jobs.Connect(devices):
                     self._devices, self._tried_s, self._searching = devices, 0.0, True
                     self._disconnect()
-                case m.HomeAt(tip):
+                case jobs.HomeAt(tip):
                     self._reached().home(tip)
                     self._homed_at = time.time()
-                    self._answer(m.HomeSet(tip))
-                case m.TakeZero():
+                    self._answer(jobs.HomeSet(tip))
+                case jobs.TakeZero():
                     record = self._reached().zero()
                     self._zeroed_at = time.time()
-                    self._answer(m.Zeroed(record))
-                case m.Reset(presses):
+                    self._answer(jobs.Zeroed(record))
+                case jobs.Reset(presses):
                     self._reset(presses)
         except (DeviceError, InputError) as error:
-            self._answer(m.NotDone(str(error)))
+            self._answer(jobs.NotDone(str(error)))
         self._reported_s = 0.0
 
     # ------------------------------------------------------------------------------------------------ a trial
@@ -214,7 +215,7 @@ class Loop:
         self._answer(self._status())
         if self._searching:
             self._searching = False
-            self._answer(m.ConnectEnded())
+            self._answer(jobs.ConnectEnded())
 
     def _latch(self, device: RealDevice, sample: DeviceSample) -> None:
         """Pass a brakes-off on to the board, and a fault of the board on as a brakes-off."""
@@ -270,12 +271,12 @@ class Loop:
                 raise
             self.sample = None
 
-    def _status(self) -> m.DeviceStatus:
+    def _status(self) -> DeviceStatus:
         device, sample = self.device, self.sample
         if device is None:
-            return m.DeviceStatus(problem=self._problem, port=self.port)
+            return DeviceStatus(problem=self._problem, port=self.port)
         report = device.report()
-        status = m.DeviceStatus(
+        status = DeviceStatus(
             device.device.name, report.get("board", ""), device.problem, zeroed=device.zeroed, encoders=device.encoders,
             force_channels=device.force_channels, report=report, port=device.port, homed_at=self._homed_at,
             zeroed_at=self._zeroed_at if device.zeroed else 0.0, reported_s=self._clock(),
@@ -316,10 +317,10 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # the server ends what runs, and then us
     allow_everything()
-    jobs, answers = sys.stdin.buffer, sys.stdout.buffer
+    given, answers = sys.stdin.buffer, sys.stdout.buffer
     sys.stdout = sys.stderr
-    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == m.REAL_TIME, sys.argv[3]
+    ring, real_time, port = Ring(sys.argv[1]), sys.argv[2] == jobs.REAL_TIME, sys.argv[3]
     with contextlib.suppress(BrokenPipeError):
         loop = Loop(ring, port, answers)
         loop.prepare(real_time)
-        loop.work(jobs)
+        loop.work(given)

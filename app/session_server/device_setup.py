@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from app.ipc import jobs
 from app.ipc import messages as m
 from app.ipc.messages import CONNECT, DONE, HOME, WAITS, ZERO, Check, DeviceStatus, Setup, StepCard
 from app.ipc.ring import Ring
@@ -107,10 +108,10 @@ class RealSetup:
 
     real, hand = True, SENSOR
 
-    def __init__(self, protocol: Protocol, send: Callable[[m.LoopJob], None]) -> None:
+    def __init__(self, protocol: Protocol, send: Callable[[jobs.LoopJob], None]) -> None:
         """protocol: whose devices are looked for at first. send: a job to the loop."""
         self.status: DeviceStatus | None = None  # None: the loop has not reported yet
-        self._send, self._protocol, self._connect = send, protocol, m.Connect(tuple(protocol.devices))
+        self._send, self._protocol, self._connect = send, protocol, jobs.Connect(tuple(protocol.devices))
         self._homed: dict[str, Any] | None = None  # fields of HOMED, while that homing holds
         self._zero: dict[str, Any] | None = None  # and of ZEROED
         self.reconnect()
@@ -165,10 +166,10 @@ class RealSetup:
         if step == HOME and not sure and (wrong := (self.status or DeviceStatus()).wrong_jig(jig)):
             raise InputError(f"Not homed. {wrong} Put it into the right jig, and home the encoders again.")
         if step == CONNECT and progress is not None:
-            self._connect = m.Connect((self._device(progress),))
+            self._connect = jobs.Connect((self._device(progress),))
         self.doing = step
-        jobs: dict[str, m.LoopJob] = {CONNECT: self._connect, HOME: m.HomeAt(jig), ZERO: m.TakeZero()}
-        self._send(jobs[step])
+        wanted: dict[str, jobs.LoopJob] = {CONNECT: self._connect, HOME: jobs.HomeAt(jig), ZERO: jobs.TakeZero()}
+        self._send(wanted[step])
 
     def _device(self, progress: SessionProgress) -> Device:
         """The device of the coming trial."""
@@ -188,7 +189,7 @@ class RealSetup:
             if about is not None:
                 write(event, **about)
 
-    def take_answers(self, answers: Sequence[m.LoopAnswer], write: Write, notify: Callable[..., None]) -> None:
+    def take_answers(self, answers: Sequence[jobs.LoopAnswer], write: Write, notify: Callable[..., None]) -> None:
         """Handle the loop's answers about the device. write: into the journal; notify: shows the experimenter a
         sentence.
         """
@@ -200,13 +201,13 @@ class RealSetup:
                     self.status = answer
                     self._homed = self._homed if answer.homed else None
                     self._zero = self._zero if answer.zeroed else None
-                case m.HomeSet(tip):
+                case jobs.HomeSet(tip):
                     self._homed = {"tip_m": tip, "board": self.status.board if self.status else ""}
                     write(HOMED, **self._homed)
-                case m.Zeroed(record):
+                case jobs.Zeroed(record):
                     self._zero = record._asdict()
                     write(ZEROED, **self._zero)
-                case m.NotDone(why):
+                case jobs.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
     def checks(self, why_off: str) -> tuple[Check, Check]:
@@ -218,7 +219,7 @@ class RealSetup:
 
         The board has latched the brakes-off, too, and a fault that the board latches is a brakes-off.
         """
-        self._send(m.Reset(presses))
+        self._send(jobs.Reset(presses))
 
     def tip(self, progress: SessionProgress | None, try_device: SimulatedDevice | None) -> m.Point:
         """Where the handle is, m, rounded so that a resting hand changes no snapshot; before homing the jig's place."""

@@ -1,6 +1,7 @@
 """The session server's end of the control loop: start it, give it trials, see whether it lives, end it."""
 
-from app.ipc.messages import DEFAULT, REAL_TIME, DeviceStatus, RunTrial, TrialReturned
+from app.ipc.jobs import DEFAULT, REAL_TIME, RunTrial, TrialReturned
+from app.ipc.messages import DeviceStatus
 from app.ipc.pipe import Child
 from app.ipc.ring import Ring
 

@@ -9,19 +9,8 @@ import time
 from pathlib import Path
 from typing import IO
 
-from app.ipc.messages import (
-    BAD,
-    BRAKES_OFF,
-    CAUTION,
-    DUE,
-    FORCE_SENSOR,
-    GOOD,
-    WAITING,
-    Check,
-    Compiling,
-    DeviceStatus,
-    Setup,
-)
+from app.ipc.jobs import Compiling
+from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, FORCE_SENSOR, GOOD, WAITING, Check, DeviceStatus, Setup
 from core.faults import FAULTS, advice
 from experiments.atomic_files import reason_of
 from experiments.inputs import INPUTS, OPERATOR

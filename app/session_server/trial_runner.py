@@ -2,19 +2,8 @@
 
 import numpy as np
 
-from app.ipc.messages import (
-    WAITING,
-    Check,
-    CheckTiming,
-    Compiling,
-    LoopAnswer,
-    LoopJob,
-    Prepared,
-    RunTrial,
-    Timing,
-    TimingChecked,
-    TrialReturned,
-)
+from app.ipc.jobs import CheckTiming, Compiling, LoopAnswer, LoopJob, Prepared, RunTrial, TimingChecked, TrialReturned
+from app.ipc.messages import WAITING, Check, Timing
 from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, LET_GO, RING_FULL, SERVER_SILENT, STOPPED, UNTOUCHED, Ring
 from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_light import LoopLight

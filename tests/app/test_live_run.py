@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from recorded import new_session_database
 from waiting import LONG_S, wait_until
 
-from app.ipc.messages import CheckTiming, TimingChecked
+from app.ipc.jobs import CheckTiming, TimingChecked
 from app.ipc.ring import Ring
 from app.loop.real_time import ROOM
 from app.session_server.loop_process import LoopProcess

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from real_bench import RealBench
 
-from app.ipc.messages import NotDone, Reset, RunTrial
+from app.ipc.jobs import NotDone, Reset, RunTrial
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from core import tick_log

@@ -14,7 +14,8 @@ from fault_kinds import AWAY, BETWEEN, END, LOCKED_TICKS, PULL, START, Fault, Ki
 from real_bench import RealBench
 from simulated_bench import BenchWire, TcpWire
 
-from app.ipc.messages import GOOD, DeviceStatus, HomeAt, Reset, TrialReturned
+from app.ipc.jobs import HomeAt, Reset, TrialReturned
+from app.ipc.messages import GOOD, DeviceStatus
 from app.ipc.ring import Ring
 from app.loop.loop import Loop
 from app.session_server.preflight import check_real, with_advice

@@ -10,7 +10,8 @@ from live import Window
 from simulated_bench import Bench, BenchWire
 
 from app.ipc import messages as m
-from app.ipc.messages import CheckTiming, Prepared, RunTrial, Setup, TimingChecked, TrialReturned
+from app.ipc.jobs import CheckTiming, Prepared, RunTrial, TimingChecked, TrialReturned
+from app.ipc.messages import Setup
 from app.ipc.ring import HAND_BACK, Ring
 from app.ipc.scheduling import Scheduling
 from app.loop.loop import Loop
