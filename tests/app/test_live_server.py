@@ -37,18 +37,23 @@ def window(setup: Setup):
         yield opened
 
 
-def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_was(window: Window) -> None:
-    began = time.perf_counter()
-    snapshot = window.start()
-    run = snapshot.running
-    hand, seen = SyntheticHand(run.segment, snapshot.tip), 0
-    while window.snapshot.stage == m.RUNNING:
-        window.look()
-        rows = window.rows
+def follow(window: Window, up_to: int = len(tick_log.PHASES)) -> None:
+    """A hand goes through the running trial, to its end or to a phase."""
+    hand, seen, rows = SyntheticHand(window.snapshot.running.segment, window.snapshot.tip), 0, window.rows
+    while window.snapshot.stage == m.RUNNING and rows[-1, tick_log.PHASE] < up_to:
         tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
         window.client.ring.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 1e-3 * (len(rows) - seen)))
         seen = len(rows)
         time.sleep(0.005)
+        window.look()
+        rows = window.rows
+
+
+def test_a_trial_by_hand_has_a_row_for_every_millisecond_and_says_how_late_each_was(window: Window) -> None:
+    began = time.perf_counter()
+    snapshot = window.start()
+    run = snapshot.running
+    follow(window)
     wall = time.perf_counter() - began
     done = window.snapshot.rows[-1]
     assert (done.run, done.status) == (run.run, "done")
@@ -117,11 +122,7 @@ def test_a_window_that_quits_in_a_trial_ends_it_and_leaves_nothing_running(setup
 
 def test_a_trial_by_pointer_ends_with_its_window_and_comes_again(setup: Setup, window: Window) -> None:
     snapshot = window.start()
-    hand = SyntheticHand(snapshot.running.segment, snapshot.tip)
-    while (now := window.rows[-1])[tick_log.PHASE] < tick_log.MOVE:
-        window.client.ring.aim(*hand((now[tick_log.TIP_X], now[tick_log.TIP_Y]), int(now[tick_log.PHASE]), 0.005))
-        time.sleep(0.005)
-        window.look()
+    follow(window, up_to=tick_log.MOVE)
     pids = window.processes()
     window.client.leave()
     wait_until(lambda: all(map(gone, pids)))
