@@ -16,9 +16,12 @@ from refusals import refusal
 from simulated_bench import nothing_looks_for_the_board
 from waiting import LONG_S, wait_until
 
+from app.emulated_operator import drawn_operator
 from core.device import load_device
 from core.device_interface import DeviceError
 from core.files import InputError
+from core.path import Segment, build_path
+from core.tick_log import APPROACH, MOVE
 from hardware.discovery import MAX_LOOKS, BoardFound, ask_board, scan_ports
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator, EmulatorSettings
@@ -174,12 +177,22 @@ def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path)
     assert emulated.end() == 0
 
 
+def test_the_operator_waits_at_the_start_to_be_told_and_goes() -> None:
+    path = build_path(Segment((-0.10, 0.40), (0.10, 0.40)), "path")
+    operator = drawn_operator(path, 1)
+    for order, phase in (({"wait": True}, APPROACH), ({"go": True}, MOVE)):
+        operator.obey(order)
+        for _ in range(1500):  # longer than it rests at the start by itself
+            operator.tick(path.x0, path.y0)
+        assert operator.phase == phase
+
+
 def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emulated) -> None:
     far, most = {"target": [0, 1e9]}, {"force": [10**400, 0]}
     for order in ({"fault": "nonsense"}, {"target": [1]}, far, most, {"force": "hard"}, {"dance": True}):
         assert "error" in emulated.order(**order)
     assert "error" in emulated.send("[" * 2000 + "]" * 2000)
-    assert emulated.order()["state"] in ("IDLE", "FAULT")
+    assert emulated.order()["state"] not in ("READY", "ACTIVE")
 
 
 @pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
