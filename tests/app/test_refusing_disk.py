@@ -98,7 +98,8 @@ def test_a_disk_that_is_read_alone_is_read_as_it_is_and_written_to_in_no_way(cra
     if subprocess.run(["mount", "-t", "tmpfs", "tmpfs", str(place)], capture_output=True).returncode:
         pytest.skip("a file system cannot be mounted here")
     try:
-        shutil.copytree(crashed, place / "data")
+        without_index = shutil.ignore_patterns("*-shm")  # which SQLite cannot make here: it is read from a copy
+        shutil.copytree(crashed, place / "data", ignore=without_index)
         subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
         faults = verify(place / "data")["faults"]
         assert [fault["fault"] for fault in faults if "cut off" in fault["fault"]]

@@ -257,6 +257,10 @@ def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(s
     ended.cut_short = False
     storage.store_trial(ended)
     assert session.rows[-1].status == "aborted" and cell(storage.progress.coming) == cell(session.plan[1])
+    ended = Ended(session, ticks=200)
+    ended.cut_short, ended.again = False, "now"
+    storage.store_trial(ended)
+    assert cell(storage.progress.coming) == cell(session.plan[1]) and "It is repeated next" in said[-1][0]
     in_order(session)
 
 
