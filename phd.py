@@ -6,8 +6,8 @@
     phd.boxes(trials, "path_error_m")
 
 Every frame has the units of its columns in `frame.attrs["units"]`. Wrong input raises InputError, one sentence. Only a
-Session writes files, and importing changes nothing in your process. While kernels are compiled, on first use, stderr
-says which of how many.
+Session writes files, and importing phd changes nothing in your process. Kernels compile on first use; stderr shows the
+progress.
 """
 
 from app.frames import boxes, load_recording, load_trials, replay, run_scene, run_study, statistics

@@ -48,11 +48,11 @@ class Frame(pd.DataFrame):
 
 
 def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFrame:
-    """Simulate a scene (see `phd simulate`): a row an output interval, as the verb writes them.
+    """Simulate a scene: one row per output interval, as `phd simulate` writes them.
 
-    scene: a shipped name ("locked-brake", "guarded", "switching"), a file, or its text (several lines), whose paths are
-    then relative to `folder` (default: the current one).
-    attrs["summary"]: what the verb prints; its warnings are raised as Python's.
+    scene: a shipped name, a file, or the text of one (several lines), whose paths are then relative to `folder`
+    (default: the current one).
+    attrs["summary"]: what `phd simulate` prints; its warnings are issued as Python warnings.
     """
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary) / "motion.csv"
@@ -76,13 +76,13 @@ def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
     progress: bool = False,
     **overrides: Any,
 ) -> pd.DataFrame:
-    """The trials of a study of simulated operators, a row each, without recordings: the numbers of `phd study`.
+    """The trials of a study of simulated people, one row each: the numbers of `phd study`, without recordings.
 
-    protocol, population, devices: shipped names, files; a protocol also as `protocol` gives it, devices as `device` and
-    `load_device`.
-    operators: how many people.
-    n_jobs: processes, -1: one a core; the numbers are the same. progress: a bar on stderr.
-    overrides: seed, rules, low_gain, sensing in place of the protocol's. InputError for wrong input.
+    protocol, population, devices: shipped names or files; a protocol also as `protocol` returns it, devices as `device`
+    or `load_device` does.
+    operators: number of people.
+    n_jobs: number of processes, -1: one per core; the results do not depend on it. progress: a bar on stderr.
+    overrides: seed, rules, low_gain, sensing, in place of the protocol's. InputError for wrong input.
     """
     if n_jobs == 0 or n_jobs < -1 or operators < 1:
         raise InputError("n_jobs must be at least 1, or -1 for one a core, and operators at least 1")
@@ -107,9 +107,9 @@ def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
 
 
 def load_trials(folder: str | Path) -> pd.DataFrame:
-    """The trials of a study or of sessions, a row each: trials.csv, with participants as text. NaN: no value.
+    """The trials of a study or of sessions, one row each: trials.csv, with participants as text. NaN: no value.
 
-    folder: of a study, of sessions, or a trials.csv. InputError: it holds none.
+    folder: of a study or of sessions, or a trials.csv. InputError: it holds no trials.
     """
     path = Path(folder)
     sessions = sessions_in(path).folders if path.is_dir() and not (path / TABLE).exists() else []
@@ -119,9 +119,9 @@ def load_trials(folder: str | Path) -> pd.DataFrame:
 
 
 def load_recording(file: str | Path) -> pd.DataFrame:
-    """The ticks of a recording, a row a millisecond; texts (phase, decision, stuck) as categories.
+    """The ticks of a recording, one row per millisecond; texts (phase, decision, stuck) as categories.
 
-    file: run-*.parquet of a session. attrs: metadata, outcome. InputError if it is damaged or was cut off.
+    file: run-*.parquet of a session. attrs: metadata, outcome. InputError: it is damaged or was cut off.
     """
     recording = read_recording(file)
     if not recording.whole:
@@ -142,11 +142,11 @@ def load_recording(file: str | Path) -> pd.DataFrame:
 def replay(
     file: str | Path, controller: int | None = None, device: str | None = None, run_own_code: bool = False
 ) -> pd.DataFrame:
-    """Each measure of a recorded trial, before and after its hand is simulated once more (see `phd replay`).
+    """Each measure of a recorded trial, before and after its hand is simulated again (see `phd replay`).
 
-    file: run-*.parquet of a session. controller: by its number in the protocol; device: a shipped name or a file; None:
-    the recorded ones. attrs["summary"]: what the verb prints.
-    run_own_code: controllers and measures that the session's folder holds may run, now and later.
+    file: run-*.parquet of a session. controller: its number in the protocol; device: a shipped name or a file; None:
+    the recorded one. attrs["summary"]: what `phd replay` prints.
+    run_own_code: allow, now and later, the controllers and measures that the session's folder holds.
     """
     if run_own_code:
         allow_code(unallowed_code(Path(file).absolute().parent.parent).values())
@@ -161,10 +161,10 @@ def replay(
 
 
 def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """The boxes of a measure: median, quartiles, whiskers and outliers by controller and configuration, in its unit.
+    """The boxes of a measure: median, quartiles, whiskers and outliers, in its unit.
 
-    trials: as `run_study` and `load_trials` give them. measure: its column, as "path_error_m". InputError: there is no
-    such column.
+    One row per controller (by number) and configuration (the device). trials: as `run_study` and `load_trials` return
+    them. measure: its column, such as "path_error_m". InputError: there is no such column.
     """
     trials, metric = complete(trials), _metric(measure, trials)
     found = _boxes(trials, metric, configurations_of(trials))
@@ -178,9 +178,9 @@ def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def statistics(trials: pd.DataFrame) -> pd.DataFrame:
-    """The statistics of `phd analyze`, a row each: means, Friedman, each pair of controllers, trends, speed.
+    """The statistics of `phd analyze`, one row each: means, Friedman, each pair of controllers, trends, speed.
 
-    trials: as `run_study` and `load_trials` give them.
+    trials: as `run_study` and `load_trials` return them.
     """
     return Frame(_statistics(complete(trials)), columns=list(Result._fields))
 

@@ -1,11 +1,11 @@
-"""A session that a Python program runs, trial by trial: an ordinary one, which the window and every verb take.
+"""A session that a Python program runs, trial by trial. The window and every verb can open it like any other.
 
     with phd.Session("mine.toml", participant="01", folder="data") as session:
         for trial in session:
             trial.run(hand)
 
 hand: `SimulatedPerson`, or a function that gets a `HandTick` each millisecond and returns the force of the hand, N. On
-a real or emulated device (`port`) the hand is the one at the handle.
+a real or emulated device (`port`) it is the hand at the handle.
 """
 
 import contextlib
@@ -49,7 +49,7 @@ FIRST_SAMPLE_S = 1.0  # longest wait for a sample of a device that was just open
 
 
 class HandTick(NamedTuple):
-    """What a hand knows as it decides on its force for the next millisecond."""
+    """What a hand function gets each millisecond, to decide on its force for the next one."""
 
     time_s: float  # since the trial began
     phase: str  # "approach", "hold" (at the start), "move" or "end"
@@ -64,10 +64,10 @@ HandFunction = Callable[[HandTick], Sequence[float] | np.ndarray]
 
 
 class SimulatedPerson:
-    """A simulated person as the hand of a session: the one that `phd study` has for the same participant and seed."""
+    """A simulated person as the hand of a session: the same as in `phd study` for the same participant and seed."""
 
     def __init__(self, population: str | Path = USUAL) -> None:
-        """population: a shipped name or a file. InputError if there is none."""
+        """population: a shipped name or a file. InputError if it does not exist."""
         self.population: Population = load_population(population)
 
     def _participant(self, label: str, seed: int) -> Participant:
@@ -77,20 +77,20 @@ class SimulatedPerson:
 
 
 class Session:
-    """A participant's session, in a `with` block: iterate over it for the trials that are still to be run.
+    """A participant's session, in a `with` block. Iterating over it gives the trials that are still to be run.
 
-    A session that exists is gone on with. However the block ends, what was recorded is kept, and the same block, or the
-    window, goes on from there.
+    An existing session is continued. However the block ends, what was recorded is kept, and the same block, or the
+    window, continues from there.
     """
 
     def __init__(
         self, protocol: str | Path | Protocol = "paper", participant: str = "01", folder: str | Path = "phd-data",
         port: str = "",
     ) -> None:  # fmt: skip
-        """protocol: shipped name or file. folder: of all sessions; made if it is not there.
+        """protocol: a shipped name, a file, or what `protocol` returns. folder: of all sessions; made if it is missing.
 
         port: of a real or emulated device ("/dev/ttyACM0", "auto", "socket://HOST:NUMBER"); "": simulated. InputError
-        for wrong input, also when the block is entered, or its first trial run.
+        for wrong input: here, when the block is entered, or at the first trial.
         """
         self.protocol = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
         self.protocol.refuse_unknown_low_gain()
@@ -131,7 +131,7 @@ class Session:
 
     @property
     def trials(self) -> pd.DataFrame:
-        """The trials so far, a row each, as `phd.load_trials` reads them."""
+        """The trials so far, one row each, as `phd.load_trials` reads them."""
         return self._table(self._stored.rows if self._stored else ())
 
     def _table(self, rows: Iterable[TrialRow]) -> pd.DataFrame:
@@ -164,9 +164,9 @@ class Session:
     # ------------------------------------------------------------------------------------- a real or emulated device
 
     def home(self, tip_m: tuple[float, float] | None = None) -> None:
-        """Tell the device that its handle is held at a place (x, y), m, now; None: at that of the device file's jig.
+        """Set the encoders: the handle is now held at (x, y), m; None: where the device file's jig holds it.
 
-        InputError: it could not be done, or there is no device.
+        InputError: the device refused, or there is none.
         """
         bench = self._reach()
         place = home_of(bench.device, self.protocol.paths) if tip_m is None else tip_m
@@ -175,13 +175,13 @@ class Session:
         self._open(None).journal(HOMED, tip_m=list(place), board=bench.board)
 
     def zero(self) -> None:
-        """Take the readings of the force sensor as zero: nobody touches the handle, for a second. InputError."""
+        """Zero the force sensor. Nobody may touch the handle for a second. InputError: the device refused."""
         with self._reach().at_work() as device:
             record = device.zero()
         self._open(None).journal(ZEROED, **record._asdict())
 
     def reset(self) -> None:
-        """Let the device forget the fault that it has latched. InputError: what caused it is still there."""
+        """Clear the fault that the device has latched. InputError: its cause is still there."""
         with self._reach().at_work() as device:
             device.reset()
 
@@ -207,7 +207,7 @@ class SessionTrial:
     """
 
     def __init__(self, session: Session, planned: PlannedTrial) -> None:
-        """A `Session` makes it."""
+        """Made by a `Session`."""
         self._session, self.over = session, False
         self.run_number, self.block = planned.run, planned.block
         self.device, self.repetition = planned.configuration, planned.repetition
@@ -217,10 +217,10 @@ class SessionTrial:
         self.path_m = outline(protocol.paths[planned.segment], OUTLINE_M)
 
     def run(self, hand: SimulatedPerson | HandFunction | None = None) -> pd.Series:
-        """Run it to its end and record it; its row of the table, with every measure.
+        """Run the trial to its end and record it. Returns its row of the table, with every measure.
 
-        hand: None on a device. An exception (also of the hand, or Ctrl+C) ends the trial as stopped, brakes off; it
-        comes again.
+        hand: None on a device. An exception (in the hand function, too, or Ctrl+C) stops the trial with the brakes off;
+        it is run again later.
         """
         stored = self._session._open(hand)
         bench = self._session._reach() if hand is None else None
@@ -248,7 +248,7 @@ class SessionTrial:
         return self._session._table([row]).iloc[0]
 
     def skip(self, reason: str) -> None:
-        """Do not run it, now or later. reason: for the journal. InputError: no trial of the session was run yet."""
+        """Never run this trial. reason: for the journal. InputError: no trial of the session has been run yet."""
         if self._session._stored is None:
             raise InputError("trial.skip: run the first trial, it says whose hand the session has")
         self._session._stored.skip(reason)

@@ -64,9 +64,9 @@ def shipped_devices() -> list[str]:
 
 
 def load_device(name_or_path: str | Path, folder: Path | None = None, unknown: str = "unknown device") -> Device:
-    """A shipped device, or a device file (relative to `folder` or the current folder), by its name_or_path.
+    """A shipped device by its name, or a device file by its path from `folder` (default: the current folder).
 
-    InputError, which `unknown` begins where there is neither.
+    InputError, which `unknown` begins if there is neither.
     """
     path = shipped_or_file(name_or_path, SHIPPED_FOLDER, folder or Path(), unknown)
     return device_of(read_text(path), path.parent, str(path), {})

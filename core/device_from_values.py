@@ -19,12 +19,12 @@ def device(
     tip_kg: float = 0.5,
     **tables: Any,
 ) -> Device:
-    """A device from values. `.text` is its device file, and `.brake_texts` its brake files by name.
+    """A device from values. `.text` is its device file, `.brake_texts` its brake files by name.
 
     links_m, links_kg: (4,), m and kg, of the links AE, ED, BC, CD; uniform rods. bases_m: (2, 2), m, of A and B.
     brakes: joint ("A", "E", "B", "C") -> shipped brake, brake file, or the keys of a brake file. tip_kg: kg.
-    tables: name, provenance; further keys of geometry (elbows: "out", "left", "right", "in"), mass, limits, sensing, as
-    in a device file, which has priority. InputError where no such device can be.
+    tables: name, provenance, and the tables geometry, mass, limits and sensing of a device file, which override the
+    other arguments. InputError: no such device is possible.
     """
     if unknown := sorted(set(brakes) - set(JOINTS)):
         raise InputError(f"device: brakes: there is no joint {unknown[0]!r}; there are A, E, B, C")

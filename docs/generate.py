@@ -13,10 +13,18 @@ from typing import Any
 
 import phd
 from app.cli import make_parser
+from core.files import shipped_names
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
 
 DOCS = Path(__file__).resolve().parent
+SHIPPED = (
+    ("device", "core/devices"),
+    ("brake", "core/brake_files"),
+    ("protocol", "experiments/protocols"),
+    ("population", "experiments/trial/populations"),
+    ("scene", "experiments/scenes"),
+)
 #: Names of `phd` that a line explains.
 IN_A_LINE = ("Device", "InputError", "load_device")
 FIELD = re.compile(r"^    (\w+): [^#\n]+# (.*)$", re.MULTILINE)
@@ -52,6 +60,12 @@ def python() -> str:
     rows = [(f"`{name}`", inspect.cleandoc(getattr(phd, name).__doc__).splitlines()[0]) for name in IN_A_LINE]
     names = [name for name in phd.__all__ if name not in IN_A_LINE]
     return "\n".join(described(name, getattr(phd, name)) for name in names) + "\n" + table(("name", "what"), rows)
+
+
+def shipped() -> str:
+    """The names of the files that come with the program."""
+    rows = [(kind, ", ".join(f"`{name}`" for name in shipped_names(DOCS.parent / folder))) for kind, folder in SHIPPED]
+    return table(("kind", "shipped names"), rows)
 
 
 INNER = "\n    "  # of a call that is longer than a line
@@ -92,7 +106,13 @@ def call_of(name: str, found: Callable) -> str:
     return f"{name}({words})"
 
 
-PARTS: dict[str, Callable[[], str]] = {"statuses": statuses, "measures": measures, "verbs": verbs, "python": python}
+PARTS: dict[str, Callable[[], str]] = {
+    "statuses": statuses,
+    "measures": measures,
+    "verbs": verbs,
+    "shipped": shipped,
+    "python": python,
+}
 
 
 def generated(page: str) -> str:

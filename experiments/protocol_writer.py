@@ -79,12 +79,12 @@ def protocol(
     controllers: Sequence[Mapping[str, Any]],
     **keys: Any,
 ) -> Protocol:
-    """A protocol from values. `.text` is its file, which holds its devices and brakes.
+    """A protocol from values. `.text` is its protocol file, which holds its devices and brakes.
 
-    devices: shipped names, files, or as `device` gives them. paths: of each its keys in a protocol file ({"kind":
-    "segment", "start_m": (x, y), "end_m": (x, y)}), or its points, array (n, 2), m. controllers: of each its keys
-    ({"name": "Soft guide", "kind": "proportional", "gain_N_s_m": 300.0}). keys: any others of a protocol file (seed,
-    repetitions, trial, ..), which names units and ranges. InputError where no such experiment can be.
+    devices: shipped names, files, or what `device` returns. paths: the keys of each ({"kind": "segment", "start_m":
+    (x, y), "end_m": (x, y)}), or its points, array (n, 2), m. controllers: the keys of each ({"name": "Soft guide",
+    "kind": "proportional", "gain_N_s_m": 300.0}). keys: others of a protocol file (seed, repetitions, trial, ..).
+    InputError: no such experiment is possible.
     """
     found = [device if isinstance(device, Device) else load_device(device) for device in devices]
     content = {

@@ -64,7 +64,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     )  # fmt: skip
     option("--population", metavar="NAME|PATH", help=f"of the operators: shipped, or a file (default: {USUAL})")
     option("--figures", **FIGURES)
-    option("--resume", action="store_true", help="go on with the interrupted study in DIR, with its own settings")
+    option("--resume", action="store_true", help="continue the interrupted study in DIR, with its own settings")
     option(OPTION, **RUN_OWN_CODE)
     option(
         "--sweep", metavar="FILE.toml",
@@ -85,7 +85,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("ranges", metavar="RANGES.toml", help="a ranges file, or a shipped one's name (paper)")
     option("--n", type=whole_number_of(1), default=3000, metavar="N", help="how many samples (default: 3000)")
     option("--seed", type=whole_number_of(0), default=1, metavar="N", help="of everything random (default: 1)")
-    option("--resume", action="store_true", help="go on with the interrupted run in DIR, begun with the same arguments")
+    option("--resume", action="store_true", help="continue the interrupted run in DIR, begun with the same arguments")
     option("--cluster", metavar="ADDRESS", help="run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     option = add_verb(

@@ -33,7 +33,7 @@ ONLY_NOW = Grid(first_row=0, last_row=0, per_row=1, step=1.0)  # a row, and noth
 class State(NamedTuple):
     """The state of a simulation, a copy. Arrays (4,) are of the joints A, E, B, C: 0 where there is no brake.
 
-    Torques and what sticks are as the last step's currents and force have them, at its end.
+    Torques and `stuck` are those at the end of the last step, under its currents and force.
     """
 
     time_s: float  # since the reset
@@ -46,25 +46,25 @@ class State(NamedTuple):
     stuck: str  # joints whose brakes stick, such as "AE"
     work_hand_J: float  # since the reset, as the next two
     heat_J: np.ndarray  # (4,) dissipated in each brake
-    lost_at_stops_J: float
+    lost_at_stops_J: float  # absorbed by the hard stops
     kinetic_J: float  # now
-    unexplained_J: float  # kinetic + heat + lost at stops - work of the hand - kinetic at the start: rounding alone
+    unexplained_J: float  # kinetic + heat + lost at stops - work - kinetic at the start: the integrator's error
 
 
 class Simulation:
-    """A device that is simulated step by step, as exactly as by a scene of `phd simulate`.
+    """A device simulated step by step, as exactly as in a scene of `phd simulate`.
 
         simulation = phd.Simulation("three-brake", fidelity="mr")
         simulation.reset(tip_m=(0.0, 0.4))
         simulation.step([0.2, 0.0, 0.0], (1.0, 0.5), 1e-3)
         simulation.state.tip_m
 
-    braked: joints of its brakes, such as "AEB". currents_max_A: array (n,) of each brake. A wrong value or
+    braked: the joints with a brake, such as "AEB". currents_max_A: array (n,), one per brake. A wrong value or
     shape: InputError; a wrong type: TypeError.
     """
 
     def __init__(self, device: str | Path | Device, fidelity: str = "mr", integrator: str = "event") -> None:
-        """At rest in the middle of the workspace, brakes off. device: shipped name, file, or `Device`.
+        """Starts at rest in the middle of the workspace, brakes off. device: shipped name, file, or `Device`.
 
         fidelity: "mr": lag and backlash; "static": torques follow at once; "ideal": commands are yield torques, N m.
         integrator: "event" or "stepping"; "karnopp" is a fixed-step method for comparison.
@@ -83,9 +83,9 @@ class Simulation:
         self.reset((x, y))
 
     def reset(self, tip_m: Two, velocity_m_s: Two = (0.0, 0.0)) -> None:
-        """Begin anew at a tip (x, y), m, with a velocity, m/s: brakes off, backlash in its middle, time and energies 0.
+        """Start again at a tip (x, y), m, with a velocity, m/s: brakes off, backlash centred, time and energies 0.
 
-        InputError where the tip cannot be.
+        InputError: the tip cannot be there.
         """
         tip, velocity = _pair("tip_m", tip_m, PLACE), _pair("velocity_m_s", velocity_m_s, SPEED)
         if not tip_is_free(self.device.mechanism, *tip):
@@ -101,9 +101,9 @@ class Simulation:
         self._settled, self._hand, self._tip = device.body["settled"], device.hand.forces[0], device.body["tip"][0]
 
     def step(self, currents_A: Sequence[float] | np.ndarray, force_N: Two = (0.0, 0.0), step_s: float = 1e-3) -> None:
-        """Go on by a step, s, of constant currents (one a brake, in the order of `braked`) and hand force (x, y), N.
+        """Advance by step_s, s, with constant currents (one per brake, as in `braked`) and hand force (x, y), N.
 
-        ideal: yield torques, N m, instead of currents. FloatingPointError if the motion diverges.
+        With "ideal": yield torques, N m, instead of currents. FloatingPointError if the motion diverges.
         """
         currents = currents_A.tolist() if isinstance(currents_A, np.ndarray) else list(currents_A)
         if currents != self._currents:
@@ -136,7 +136,7 @@ class Simulation:
 
     @property
     def state(self) -> State:
-        """The state now, a copy."""
+        """A copy of the present state."""
         device, rows = self._device, np.zeros((1, ROW_WIDTH))
         body, braking, ledger = device.body.copy(), device.braking.copy(), self._data.ledger.copy()
         data = Data(device.hand, body, braking, ledger, new_record(STEP_SCRATCH))
@@ -153,7 +153,7 @@ class Simulation:
         )  # fmt: skip
 
     def copy(self) -> "Simulation":
-        """Another simulation in the same state, which goes on by itself."""
+        """An independent simulation in the same state."""
         other = copy.copy(self)
         other._commands = self._commands.copy()
         other._hold(copy.deepcopy(self._device, {id(self.device): self.device}))

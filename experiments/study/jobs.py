@@ -120,7 +120,7 @@ def _run_waiting(work: Work, out: Path, resume: bool, workers: Executor, progres
 
 def going_on(out: Path) -> str:
     """The message of work that was interrupted and can go on."""
-    return f"{out}: interrupted; go on with the same command and --resume"
+    return f"{out}: interrupted; continue with the same command and --resume"
 
 
 def table_lines(lines: Iterable[Sequence[object]]) -> bytes:

@@ -89,7 +89,7 @@ def test_an_interrupted_study_says_how_it_goes_on_and_goes_on(tmp_path, monkeypa
         run_study(out, 1, short(paths=1), PEOPLE, progress=Interrupting(2))
     monkeypatch.setattr("app.verbs.study.study", lambda args: (_ for _ in ()).throw(interrupted.value))
     assert main(["study", "--out", str(out)]) == 130
-    assert capsys.readouterr().err == f"phd: {out}: interrupted; go on with the same command and --resume\n"
+    assert capsys.readouterr().err == f"phd: {out}: interrupted; continue with the same command and --resume\n"
     monkeypatch.undo()
     assert main(["study", "--out", str(out), "--resume"]) == 0
     assert "trials run now" in capsys.readouterr().out

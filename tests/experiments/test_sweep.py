@@ -170,7 +170,7 @@ def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path)
     assert workers
     wait_until(lambda: all(map(gone, workers)))
     said = ended.stderr.replace("\r", "\n").splitlines()
-    assert f"phd: {out}: interrupted; go on with the same command and --resume" in said
+    assert f"phd: {out}: interrupted; continue with the same command and --resume" in said
     assert not [line for line in said if "arning" in line or "Traceback" in line]
     kept = {path.name for path in out.glob("parts/0*.csv")}
     assert len(kept) == killed_work.DONE and not (out / "sweep.csv").exists()
