@@ -50,7 +50,7 @@ class Anything:
 
     def of_forces(self) -> list[Do]:
         own = [self.add, self.rest, self.view.begin, self.view.refresh_text, self.show_layer, self.set_blind]
-        return own + ([self.show_numbers] if isinstance(self.view, LinkageView) else [self.show_gap])
+        return own + ([self.show_line] if isinstance(self.view, LinkageView) else [self.show_gap])
 
     def of_participant(self) -> list[Do]:
         return [self.follow, self.write, self.show_hold, self.show_linkage]
@@ -115,9 +115,8 @@ class Anything:
     def set_blind(self) -> None:
         self.view.set_blind(not self.view.blind)
 
-    def show_numbers(self) -> None:
-        if self.view.phase in (tick_log.APPROACH, tick_log.MOVE, tick_log.END):
-            self.view.show_numbers(self.rows[0])
+    def show_line(self) -> None:
+        self.view.show_line(self.any("", "Participant reads: Go"))
 
     def show_gap(self) -> None:
         self.view.show_gap(self.any(0.0, 0.005))

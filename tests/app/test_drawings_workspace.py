@@ -50,7 +50,7 @@ def workspace_of(*devices: Device) -> Workspace:
 def add(workspace: Workspace, rows: np.ndarray) -> None:
     """Ticks, with the numbers of the last one."""
     workspace.view.add(rows)
-    workspace.view.show_numbers(rows[-1])
+    workspace.view.refresh_text()
 
 
 def shown(qtbot, widget, width: int = 760, height: int = 620):

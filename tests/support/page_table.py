@@ -33,7 +33,7 @@ def read(window: QWidget) -> str:
         if isinstance(shown, QLabel | QAbstractButton | Figures):
             found.append(shown.text())
         elif isinstance(shown, LinkageView):
-            found += shown.title, shown.line
+            found.append(shown.line)
         elif isinstance(shown, ParticipantView):
             found += shown.shown
         found.append(shown.toolTip())

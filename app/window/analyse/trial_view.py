@@ -254,10 +254,11 @@ class TrialView(Panel):
         self.traces.show_cursor(at)
         now = trial.ticks[at]
         if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
-            self.workspace.view.show_numbers(now)
+            self.workspace.view.refresh_text()
         self.clock.setText(f"{self.played_s:.2f} / {trial.t[-1]:.2f} s")
         word_of = trial.decisions[int(now[tick_log.DECISION])]
-        self.decision.setText("" if trial.blind else f"Controller: {word_of}")
+        speed = f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s"
+        self.decision.setText(speed if trial.blind else f"{speed} · Controller: {word_of}")
 
     def _stop(self) -> None:
         self._timer.stop()

@@ -19,7 +19,7 @@ from core.path import Path, PathFile, build_path
 FIELD, DIRECTIONS, REACHABLE = "desired directions", "directions of the brakes", "forces of the brakes"
 NEAR_M = 0.1  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
-TOP_PX = 36.0  # high, the line above
+TOP_PX, LINE_PX = 36.0, 26.0  # high: what is kept clear above, and the line there
 FOOT_PX, EDGE_PX = 30.0, 20.0  # high, the line below; clear at the sides
 SCALE_M, SCALE_NAME = 0.05, "5 cm"  # of the bar that shows the scale
 LEGEND_PX, SAMPLE_PX, BESIDE_RING_PX = 20.0, 18.0, 6.0  # high, a line of the legend; wide, its sample; a word's gap
@@ -46,7 +46,7 @@ class LinkageView(ForceView):
         self._worded_view = worded
         self._path: Path | None = None  # of the trial
         self.shown = {TRAIL, LINKAGE, FORCES}
-        self.title, self.line = "", ""
+        self.line = ""
         self.sense = 1.0  # of travel
         self.under_path = [self._paint_needles, *([self._paint_scale] if worded else []), *self.under_path]
         self.under_handle = self.of_instant(
@@ -70,7 +70,7 @@ class LinkageView(ForceView):
         super().show_trial(device, path, tip)
 
     def _rest(self, device: Device, tip: layers.Point) -> None:
-        self.show_text("", "")
+        self.show_line("")
         super()._rest(device, tip)
 
     def add(self, rows: np.ndarray, taken: bool | None = None, read_from: int = 0) -> None:
@@ -79,18 +79,9 @@ class LinkageView(ForceView):
             self.repaint_still()
         super().add(rows, taken, read_from)
 
-    def show_numbers(self, now: np.ndarray) -> None:
-        """The numbers of a tick (tick_log.WIDTH,), which was the last one added: a few times a second."""
-        numbers = [f"{now[tick_log.T] - self.began_s:.2f} s"]
-        if self.phase == tick_log.MOVE:
-            numbers.append(f"error {1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm")
-        numbers.append(f"{np.hypot(now[tick_log.TIP_VX], now[tick_log.TIP_VY]):.2f} m/s")
-        self.show_text(PHASE_NAMES[self.phase], " · ".join(numbers))
-        self.refresh_text()
-
-    def show_text(self, title: str, line: str) -> None:
+    def show_line(self, line: str) -> None:
         """Write the line above the drawing."""
-        self.title, self.line = title, line
+        self.line = line
         self.update()
 
     @property
@@ -139,15 +130,9 @@ class LinkageView(ForceView):
 
     def _paint_line(self, painter: QPainter) -> None:
         """The line above the drawing."""
-        x, high = EDGE_PX, 26
-        for text, size, bold, colour in (
-            (self.title, theme.HEAD, True, COLOURS.text),
-            (self.line, theme.NORMAL, False, COLOURS.quiet),
-        ):
-            painter.setFont(font(size, bold))
-            painter.setPen(shade(colour))
-            painter.drawText(QRectF(x, 8.0, self.width(), high), LEFT, text)
-            x += 12.0 + text_width(text, size, bold)
+        painter.setFont(font(theme.NORMAL))
+        painter.setPen(shade(COLOURS.quiet))
+        painter.drawText(QRectF(EDGE_PX, 8.0, self.width(), LINE_PX), LEFT, self.line)
 
     def _paint_states(self, painter: QPainter, now: layers.Instant) -> None:
         """Beside the ring of each brake that acts, in words, what it does, and its torque."""
@@ -214,7 +199,6 @@ LAYERS = {
     TRAIL: ("T", "Where the handle has been in this trial"),
     LINKAGE: ("L", "Arms and brakes"),
 }
-PHASE_NAMES = {tick_log.APPROACH: "Approach", tick_log.HOLD: "Hold", tick_log.MOVE: "Move", tick_log.END: "End"}
 
 
 class Workspace(Layered):

@@ -305,9 +305,10 @@ class RunPage(Page):
     def _clear_session(self) -> None:
         """Nothing of the session that was closed stays."""
         self._clear_trial()
+        self.card.row = None
         if self.opened is not None:
             self.workspace.view.show_places(self.opened.protocol.devices, self.opened.protocol.paths)
-            self.workspace.view.show_text("", "")
+            self.workspace.view.show_line("")
 
     def _clear_trial(self) -> None:
         """Nothing of the last trial stays."""
@@ -393,7 +394,7 @@ class RunPage(Page):
         """What the participant reads in a phase of a trial."""
         held, seen = taken or not hand_is_mouse(self.opened), self.workspace.view.handle_seen
         shown = words.moving(phase, held, words.language_of(self.opened), seen=seen)
-        self.workspace.view.show_text("", reads(shown))
+        self.workspace.view.show_line(reads(shown))
 
     def _write_between(self) -> None:
         """What the participant reads while no trial runs, who is told less; and whether the place is measured."""
@@ -401,7 +402,7 @@ class RunPage(Page):
         instructed = self.participant_reads and not advice(snapshot) and snapshot.stage != m.FAILED
         line = INSTRUCTED.small if instructed else reads(words.between(snapshot, opened))
         unmeasured = opened is not None and opened.real_device and not snapshot.place_known
-        self.workspace.view.show_text("", UNMEASURED if unmeasured else line)
+        self.workspace.view.show_line(UNMEASURED if unmeasured else line)
 
     def _write(self, large: str, small: str) -> None:
         self.large.setText(large)
