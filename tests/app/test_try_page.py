@@ -209,6 +209,13 @@ def test_a_setting_has_one_row_with_its_newest_pass_on_each_device_the_newest_on
     assert held.page.table.rowCount() == 1
 
 
+@pytest.mark.parametrize("devices", [1, 2])
+def test_each_measure_has_room_for_its_head_over_its_devices(held: Held, devices: int) -> None:
+    table = held.page.table
+    table.show_passes([], paper(devices=paper().devices[:devices]))
+    assert all(table.columnWidth(column) >= table.head.needed_px for column in range(4, table.columnCount()))
+
+
 def test_what_the_newest_tick_is_stands_on_the_canvas(held: Held) -> None:
     rows = movement(1, "AEB", 2.0)
     rows[:, tick_log.PATH_DISTANCE] = -0.0042

@@ -23,7 +23,7 @@ MEASURES = (
 )
 FIXED = ("", "Controller", "Setting", "Path")
 ROWS, ROW_PX, HEAD_PX = 10, 23, 40  # that are seen; high
-#: px wide: a dot, a path's number, a measure at most, and beside a text; shares of the room: name at most, measures
+#: px wide: a dot, a path's number, a measure at most (or its head), beside a text; of the room: name at most, measures
 DOT_PX, PATH_PX, MOST_PX, BESIDE_PX, NAME_SHARE, MEASURED_SHARE = 20, 42, 120, 6, 0.65, 0.6
 NAMED_PX = 230  # for name and setting at least
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
@@ -112,7 +112,8 @@ class PassTable(QTableWidget):
         for across in range(last, self.columnCount()):
             self.setColumnHidden(across, narrow)
         measured = max((last if narrow else self.columnCount()) - len(FIXED), 1)
-        each = int(min(max(self.head.needed_px, MEASURED_SHARE * room / measured), MOST_PX, 0.7 * room / measured))
+        each = max(self.head.needed_px, min(MEASURED_SHARE * room / measured, MOST_PX))
+        each = int(min(each, 0.7 * room / measured))
         left = room - each * measured
         name = int(min(self._name_px, NAME_SHARE * left))
         widths = [DOT_PX, name, left - name, PATH_PX, *measured * [each]]
