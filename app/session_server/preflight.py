@@ -11,7 +11,7 @@ from typing import IO
 
 from app.ipc.jobs import Compiling
 from app.ipc.messages import BAD, BRAKES_OFF, CAUTION, DUE, FORCE_SENSOR, GOOD, WAITING, Check, DeviceStatus, Setup
-from core.faults import FAULTS, advice
+from core.faults import advice
 from experiments.atomic_files import reason_of
 from experiments.inputs import INPUTS, OPERATOR
 from experiments.protocol import Protocol
@@ -32,8 +32,8 @@ PATIENCE_S, TOO_LONG_S = 1.0, 10.0  # s that a measurement of the disk takes: sa
 def check_device(simulated: bool, why_off: str) -> Check:
     """Whether currents may flow. why_off: cause of a brakes-off, or ""."""
     if why_off:
-        to_do = advice(why_off) or FAULTS["brakes-off"].advice
-        return Check("Device", BAD, BRAKES_OFF, f"Brakes off. {why_off[0].upper()}{why_off[1:]}. {to_do}")
+        problem = f"Brakes off. {why_off[0].upper()}{why_off[1:]}. {advice(why_off)}"
+        return Check("Device", BAD, BRAKES_OFF, problem.strip())
     return Check("Device", GOOD, "simulated" if simulated else "connected")
 
 

@@ -7,8 +7,10 @@ from fake_client import ready
 from app.ipc import messages as m
 from app.ipc.scheduling import Scheduling
 from app.session_server.loop_light import CALM_S, WINDOW_S, LoopLight
+from app.session_server.preflight import check_device
 from app.window.picture_light import PictureLight
 from core import tick_log
+from core.faults import FAULTS, cause
 
 DEFAULT = Scheduling(False, False, -1, "default")
 
@@ -97,3 +99,9 @@ def test_a_picture_half_a_second_behind_is_amber_for_two_seconds_and_keeps_no_tr
     assert [check.state for check in seen.checks if check.name == "Picture"] == [m.CAUTION] and not seen.trial_blocker
     clock.now_s += WINDOW_S + 0.1
     assert light.over(ready(1)) == ready(1)
+
+
+def test_brakes_that_are_off_come_with_what_to_do_about_their_fault():
+    check = check_device(True, cause("server-silent"))
+    assert check.state == m.BAD and check.advice.endswith(FAULTS["server-silent"].advice)
+    assert check_device(True, "somebody pressed it").advice == "Brakes off. Somebody pressed it."
