@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app import __version__
 from app.window.participant.tone import NO_SOUND, player
-from app.window.widgets import memory, theme
+from app.window.widgets import memory, palette, theme
 from app.window.widgets.cards import OverlayCard
 from app.window.widgets.parts import (
     Choice,
@@ -67,7 +67,7 @@ class SettingsCard(OverlayCard):
         chosen = memory.remembered(memory.SCREEN)
         choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
         self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
-        self.theme.show_value(memory.remembered(memory.DARK_OR_LIGHT))
+        self.theme.show_value("light" if palette.chosen is palette.LIGHT else "dark")  # --theme is remembered nowhere
         self.scale.show_value(memory.remembered(memory.SIZE))
         self.sound.show_value(memory.remembered(memory.SOUND))
         kept_in = OneLine(from_home(data_folder), "", theme.NORMAL)

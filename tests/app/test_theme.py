@@ -9,6 +9,7 @@ from PySide6.QtGui import QImage
 from screens import Screens, settle
 from tried import INITIAL, ended, tried
 
+from app.window.settings import SettingsCard
 from app.window.widgets import memory, palette, theme
 from app.window.widgets.page import DEVICE, HOME, RUN, TRY
 from core import tick_log
@@ -78,4 +79,12 @@ def test_after_a_change_all_looks_as_after_a_start_in_it_and_what_was_typed_is_t
     got = looks(screens)
     assert screens.main.pages[HOME].editor.text.toPlainText() == TYPED and screens.run.panel.note.text() == NOTE
     assert [name for name in wanted if got[name] != wanted[name]] == []
+    screens.close()
+
+
+def test_settings_show_the_theme_in_use_also_where_the_command_line_chose_it(qtbot) -> None:
+    choose("light")
+    screens = Screens()
+    screens.main.show_settings()
+    assert screens.main.findChild(SettingsCard).theme.value() == "light" != memory.remembered(memory.DARK_OR_LIGHT)
     screens.close()
