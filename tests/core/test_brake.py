@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_constant, torque_gain
+from core.device import without_backlash
 from core.records import new_record
-from core.simulator.hand import new_hand
-from core.simulator.simulation import Simulation
+from core.simulator.hand import new_hand, spring_hand
+from core.simulator.simulation import Grid, Schedule, Simulation
 from core.simulator.state import BRAKING, new_body, pack_brakes
 from core.simulator.stick_slip_mode import set_costs
 
@@ -119,3 +120,26 @@ def test_reversal_leaves_the_yield_for_the_width_of_the_play():
         assert inside.sum() > 10 and outside.sum() > 10
         assert np.abs(rows[inside, 5]) == pytest.approx(0.35, rel=1e-9)
         assert np.all(np.abs(rows[outside, 5]) > 3.0)
+
+
+def test_locked_tip_with_backlash_roams_within_the_play(bench):
+    """mr, full current everywhere: no joint leaves its play (0.4 mrad for the impacts at its ends).
+
+    Without backlash none moves at all.
+    """
+    currents = np.array([float(j in bench.braked) for j in "AEBC"])
+    theta_0 = bench.angles(np.array(START))
+    for backlash in (True, False):
+        device = bench.device if backlash else without_backlash(bench.device)
+        simulation = Simulation(device, START, fidelity="mr")
+        simulation.braking["torque_yield"][0] = 5.3 * currents  # already locked
+        hand = spring_hand((0.0, 0.0, 0.0), (200.0, 0.0, 200.0))  # slow, so that the ends of the play are met gently
+        simulation.hand.grips[0] = hand.grips[0]
+        simulation.hand.grips["wave"][0] = [[10.0, 6.0, 0.0], [10.0, 6.0, 1.57]]
+        simulation.hand.grips["waves"][0] = 1
+        rows = simulation.rows(401, Schedule(np.zeros(1), currents[None]), Grid(0, 400, 10, 1e-3))
+        turned = np.array([bench.angles(p) for p in rows[:, 1:3]]) - theta_0
+        on = currents > 0
+        assert np.all(np.abs(turned[:, on]) <= PLAY / 2 + 4e-4)
+        roam = np.ptp(rows[:, 1:3], axis=0)
+        assert (5e-4 < roam.max() < 6e-3) if backlash else np.all(roam == 0.0)

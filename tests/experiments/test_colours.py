@@ -4,7 +4,8 @@ import pytest
 from colour_sight import SIGHTS, nearest
 
 from app.window.widgets.palette import DARK, LIGHT
-from experiments.analysis.colours import colour_places
+from core.control.controllers import Preset
+from experiments.analysis.colours import ON_LIGHT, colour_places
 from experiments.analysis.sheet import colour_of
 from experiments.paper_figures.workspace import JOINT_COLOURS
 from experiments.protocol import load_protocol
@@ -31,3 +32,16 @@ def test_distances_are_those_of_the_space_and_the_colour_blind_see_less():
     assert nearest(("#000000", "#ffffff"), "normal").distance == pytest.approx(100.0, abs=0.5)
     red, green = "#c00000", "#007000"
     assert nearest((red, green), "deuteranopia").distance < 0.5 * nearest((red, green), "normal").distance
+
+
+def test_a_controller_has_its_own_colour_in_every_protocol():
+    """By its algorithm and its place: a protocol without SDOF leaves its colours to those of no shipped algorithm."""
+    kinds = "none sdof sdof proportional proportional reflect damper.py".split()
+
+    def colours(*numbers):
+        return [colour_places({n: Preset(f"{n}", kinds[n]) for n in numbers})[n] for n in numbers]
+
+    assert colours(0, 1, 2, 3, 4) == [0, 1, 2, 3, 4] and colours(0, 3) == [0, 3] and colours(3, 0, 1) == [3, 0, 1]
+    assert colours(0, 1, 3, 5) == [0, 1, 3, 2] and colours(0, 5, 3) == [0, 1, 3], "what the others leave"
+    assert colours(0, 1, 2, 3, 4, 5, 6) == [0, 1, 2, 3, 4, 1, 2], "then they begin again, never with that of none"
+    assert colour_of("K1", PLACES) not in ON_LIGHT

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +14,7 @@ from core.files import InputError
 from core.path import build_path, path_from
 from experiments.analysis.chart_figures import draw
 from experiments.analysis.charts import POOLED, View, charts
-from experiments.analysis.own_measures import metrics_in
+from experiments.analysis.own_measures import metrics_in, own_metrics
 from experiments.analysis.trials_table import measure
 from experiments.export.export import export
 from experiments.export.results import read_results
@@ -146,3 +147,14 @@ def test_an_answer_that_is_no_finite_number_is_said(study, answer: str, wanted: 
     measured, failed = measure(recording, path, (), metrics_in(measures_of("odd", text)))
     assert re.search(wanted, failed.get("a", "")) and (measured == {}) == bool(wanted)
     assert wanted or (measured == {"a": 0.5} and isinstance(measured["a"], float) and not failed)
+
+
+def test_two_protocols_may_have_files_of_one_name_with_other_texts(tmp_path: Path):
+    made = []
+    for name, unit in (("a", "mm"), ("b", "cm")):
+        (tmp_path / name).mkdir()
+        text = MEASURE.replace('"mm"', f'"{unit}"')
+        made.append(
+            load_protocol(own_experiment(tmp_path / name, f'measure = "my_measure.py"\n{PROTOCOL}', my_measure=text))
+        )
+    assert [own_metrics(protocol)[0].unit for protocol in made] == ["mm", "cm"]
