@@ -140,10 +140,9 @@ class AnalysePage(Page):
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
         foot = row(self.folder_button, self.message, self.bar, self.cancel_button)
-        left = column((self.stack, 1), foot, spacing=8)
         chips = self.people, self.devices, self.statuses, self.measures
         filters = Flow(*chips, self.logarithmic, self.timeouts, self.summary, gap=14)
-        self.setLayout(column(head, filters, (row((left, 1), self.side), 1), spacing=8))
+        self.setLayout(column(head, filters, (row((self.stack, 1), (self.side, 1)), 1), foot, spacing=8))
 
     # what the main window hands over
 
@@ -232,7 +231,7 @@ class AnalysePage(Page):
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
-        self.show_message(" ".join(results.problems), "caution")
+        self.show_message("; ".join(results.problems), "caution")
         axes, axis = AXES | (QUESTION_AXIS if results.answers else {}), self.axis.value()
         self.axis.fill(axes, axis if axis in axes else POOLED)
         self._show()
