@@ -73,11 +73,11 @@ class SettingsCard(OverlayCard):
         kept_in = OneLine(from_home(data_folder), "", theme.NORMAL)
         folder = holder(row(kept_in, button("Change …", lambda: changed(memory.DATA_FOLDER), "small")))
         lines = grid_of({
-            "Theme": (self.theme, "At once; while a trial runs, after it."),
-            "Size": (self.scale, "Of everything, as far as the screen has room; from the next start on."),
+            "Theme": (self.theme, "Changes at once, or after a running trial."),
+            "Size": (self.scale, "Of text and controls, as far as the screen has room. Changes at the next start."),
             "Participant's screen": (self.participant_screen, ""),
             "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
-            "Data folder": (folder, "Where sessions are kept; from now on, and at the next start."),
+            "Data folder": (folder, "Where sessions are kept, now and at the next start."),
         })  # fmt: skip
         self.inside.addLayout(lines)
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))

@@ -36,6 +36,8 @@ file = "force.csv"
     "device.toml": (SHIPPED_FOLDER / "four-brake.toml").read_text(encoding="utf-8").replace("mrb-2107-3", "brake.toml"),
     "brake.toml": (SHIPPED_FOLDER.parent / "brake_files" / "mrb-2107-3.toml").read_text(encoding="utf-8"),
     "force.csv": "t_s,fx_N,fy_N\n0,1,2\n0.01,3,4\n0.02,5,6\n",
+    "sweep.toml": 'name = "it"\noperators = 1\n[[controller]]\nkind = "none"\n',
+    "displays.pdf": "mine",
 }
 SIMULATE = ["simulate", "scene.toml", "--out", "out.csv"]
 LONG, DEEP = "x" * 70_000, "y/" * 20_000
@@ -80,6 +82,24 @@ COMMANDS = {
     "emulate --path 0 2 0 1": "the handle cannot be at",
     "emulate --socket 65536": "socket",
     "export circle --csv circle": "circle",
+    "study --out .": "not empty",
+    "study --out force.csv/below": "cannot be used",
+    "study --cluster tcp://x:1 --out s": "--cluster: is for --sweep alone",
+    "study --sweep sweep.toml --operators 3 --out s": "--operators: stands in the file of a sweep",
+    "analyze empty": "no recordings",
+    "analyze gone": "there is no such folder",
+    "export . --csv s": "holds no session",
+    "export .": "nothing to write",
+    "replay gone.parquet --json": "cannot be read",
+    "figures": "--out",
+    "figures --out force.csv": "force.csv",
+    "figures --out .": "displays.pdf: exists already",
+    "figures --out s --device six-brake": "unknown device",
+    "bench --out .": "never overwritten",
+    "bench --out gone/b": "gone",
+    "identify force.csv --omega-0 0": "--omega-0: must be",
+    "identify force.csv --backlash-deg nan": "--backlash-deg: must be",
+    "identify force.csv --out gone/b.toml": "folder does not exist",
 }  # fmt: skip
 
 #: What is written in place of what -> key words of the refusal.
@@ -137,6 +157,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     for name, text in TEXTS.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
+    (tmp_path / "empty").mkdir()
     if os.name == "posix":
         (tmp_path / "circle").symlink_to("circle")
     return tmp_path

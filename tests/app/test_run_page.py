@@ -146,6 +146,7 @@ STATES = {
         f"{len(PLAN)} recordings are kept and verified", "min left | no result | Show the controllers",
         sends={"Space": [], "Alt+S": []},
     ),
+    "finished, on a card": Row((opened(), runs(3), ready(60, stage=m.FINISHED)), "Path error | Repeat …", "Keep"),
     "finished, without a result": Row(
         (opened(), m.Snapshot(m.FINISHED, (*map(result, PLAN[:59]), result(PLAN[59], "aborted")))),
         "1 of 60 trials has no result",

@@ -472,6 +472,8 @@ class RunPage(Page):
         self.strip.show_session(opened, snapshot)
         self.cards.show_session(opened, snapshot, self)
         keep = CLOSE if self._earlier is not None else KEEP_AND_START if self.can.start else KEEP
+        if keep == KEEP and snapshot.stage == m.FINISHED:
+            keep = ""  # nothing comes after it
         self.card.offer(self.can, keep, has_space=self.cards.notice is None)
         if self._waiting is not None:
             self._waiting.button.setText(self._waiting.text)

@@ -135,8 +135,11 @@ class TrialCard(QWidget):
         self._make_room()
 
     def offer(self, can: Actions, keep: str, has_space: bool) -> None:
-        """What can be done with the trial now. keep: the words of its first button; has_space: Space presses it."""
+        """What can be done with the trial now. keep: the words of its first button, "": it has none; has_space: Space
+        presses it.
+        """
         self.keep.setText(keep)
+        self.keep.setVisible(bool(keep))
         self.keep.key.setVisible(has_space)
         for (action, pressed), text in zip(self.asks.items(), ("Repeat …", "Exclude …"), strict=True):
             pressed.setText(text)

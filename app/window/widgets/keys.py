@@ -20,7 +20,7 @@ class Key(NamedTuple):
 #: in a session
 SESSION = {
     "start": Key(("Space",), "start the next trial; keep the trial on the card and go on"),
-    "escape": Key(("Esc",), "brakes off at once; what is open closes, first where no trial runs"),
+    "escape": Key(("Esc",), "brakes off at once; with no trial running it first closes what is open"),
     "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
     "redo": Key(("Alt+R",), "repeat the last trial, or the one on the card"),
     "exclude": Key(("Alt+X",), "exclude the trial on the card"),
