@@ -391,6 +391,7 @@ def test_a_recording_opens_among_the_trials_of_its_data_folder_and_can_have_the_
     page.show_page(TRIAL)
     assert page.side.isVisible() and not page.charts.isVisible() and not page.axis.isVisible()
     page.driver.until(lambda: page.side.width() > 0.95 * page.width())
+    page.driver.until(page.side.workspace.isVisible)
     page.to_close()()
     assert page.charts.isVisible() and page.tabs.value() == POOLED and page.axis.isVisible()
 

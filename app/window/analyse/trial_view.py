@@ -133,9 +133,9 @@ class TrialView(Panel):
 
     def _share_room(self) -> None:
         """Workspace and curves beside each other, one above the other, or the curves alone."""
-        roomy = self._whole or self.height() > LOW_PX
-        self.workspace.setVisible(self.trial is not None and roomy)
         wide = self.width() > WIDE_PX
+        roomy = self._whole or wide or self.height() > LOW_PX
+        self.workspace.setVisible(self.trial is not None and roomy)
         self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
         for part, share in enumerate((5, 4) if wide else (3, 8)):
             self._middle.setStretch(part, share)
