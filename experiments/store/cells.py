@@ -46,6 +46,13 @@ def trial_names(rows: Iterable[TrialRow]) -> dict[tuple[str, int], str]:
     }  # fmt: skip
 
 
+def name_among(trial: TrialRow, rows: Iterable[TrialRow]) -> str:
+    """ "trial 4, second try", among the rows of its session, which may lack it; "practice" of a practice trial."""
+    if not trial.block:
+        return "practice"
+    return trial_names([*(row for row in rows if row.run != trial.run), trial])[trial.participant, trial.run]
+
+
 def finished_cells(rows: Iterable[TrialRow]) -> tuple[set[tuple], set[tuple]]:
     """The cells of the plan that need no further trial, and those of them without a result."""
     rows = list(rows)

@@ -76,9 +76,10 @@ def repair(session: Path, database: Database, summary: JournalSummary, sync: boo
             except InputError as error:
                 done.not_repaired.append(str(error))
         database.commit()
-    names = {run: name for (_, run), name in trial_names(rows_of(session)).items()}
+    rows = {row.run: row for row in (*rows_of(session), *made)}.values()  # a full disk may not have taken those made
+    names = {run: name for (_, run), name in trial_names(rows).items()}
     for trial, ticks in closed:
-        name = names.get(trial.run, f"run {trial.run}") if trial.folder == TRIALS else f"practice {trial.run}"
+        name = names.get(trial.run, f"trial {trial.run}") if trial.folder == TRIALS else f"practice {trial.run}"
         done.trials.append(f"{name}, {ticks:,} ticks")
     done.rows += [f"{names[row.run]} is {row.status}" for row in made]
     return done

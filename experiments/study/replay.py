@@ -34,7 +34,7 @@ from experiments.numbers import percent
 from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, check_reach, middle_of
 from experiments.recording import TEXT_COLUMNS, Recording, column_words, recording_columns, recording_of
-from experiments.store.cells import trial_names
+from experiments.store.cells import name_among
 from experiments.store.files import rows_of
 from experiments.study.replay_motion import Recorded, has_start, read_recorded, recorded_hand, run_replay
 from experiments.trial.decisions import Decisions, decide_again
@@ -105,7 +105,7 @@ def replay(
         "recording": str(file),
         "participant": row.participant,
         "run": row.run,
-        "trial": trial_names(rows_of(Path(file).resolve().parent.parent))[row.participant, row.run],
+        "trial": name_among(row, rows_of(Path(file).resolve().parent.parent)),
         "hand": hand.kind,
         "before": {
             "device": row.configuration,

@@ -175,11 +175,8 @@ class StudyRun:
             ],
             "recovered": int((table["status"] == "recovered").sum()),
             "in_doubt": self.done["in_doubt"],
-            "findings": refusal
-            or (
-                f"by boxes {verdicts(box_findings_of(table))}; within participants {verdicts(found)}; of the "
-                f"paper's 11, why: {REPORT}/report.md"
-            ),
+            "findings_by_boxes": refusal or verdicts(box_findings_of(table)),
+            "findings_within_participants": refusal or verdicts(found),
             "protocol": protocol.name,
             "population": population.name,
             "operator_numbers_changed_after_findings": list(population.changed_after_findings) or "none",
@@ -285,6 +282,7 @@ def run_share(out: Path, study: StudyPlan) -> tuple[Counter[str], list[str]]:
 
 
 def verdicts(found: Sequence[Finding]) -> str:
-    """The paper's statements counted by verdict."""
+    """The paper's statements counted by verdict, as a sentence."""
     counted = Counter(finding.verdict for finding in found)
-    return ", ".join(f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL, DEPENDS))
+    counts = (f"{verdict}: {counted[verdict]}" for verdict in (HOLDS, FAILS, CANNOT_TELL, DEPENDS) if counted[verdict])
+    return f"{', '.join(counts)} (of the paper's {len(found)}; why: {REPORT}/report.md)"

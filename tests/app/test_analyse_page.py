@@ -301,6 +301,13 @@ def test_a_page_without_anything_says_so(qtbot, page: AnalysePage, tmp_path: Pat
     page.begin(tmp_path)
     qtbot.waitUntil(lambda: "Nothing is recorded" in page.empty.text(), timeout=60_000)
     assert not page.export_button.isEnabled() and not page.tabs.isEnabled()
+    for person in ("01", "02"):
+        lost = tmp_path / f"sub-{person}" / "ses-01" / "trials" / "run-001.parquet"
+        lost.parent.mkdir(parents=True)
+        lost.touch()
+    page.begin(tmp_path)
+    qtbot.waitUntil(lambda: page.empty.text() == f"No trial in {tmp_path} can be read.", timeout=60_000)
+    assert "session.db is missing. sub-02" in page.message.text()
 
 
 def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots_and_steps_go_on_from_it(page) -> None:

@@ -118,6 +118,7 @@ def test_trials_by_mouse_and_by_a_six_axis_device_replay_to_equal_ticks_too(by_h
     for path in paths:
         told, said = replayed(path)
         assert said == ("start", True, 0) and told["hand"] == "target" and told["warnings"] == [], path
+        assert told["trial"] == ("practice" if path.parent.name == "practice" else "trial 1")
 
 
 def copied(path, folder, change):

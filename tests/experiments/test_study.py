@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import json
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -124,6 +125,8 @@ def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_la
         run_study(tmp_path / "study", 2, short(paths=1, seed="6"), PEOPLE)
     summary = resume_study(tmp_path / "study", {})
     done = [row for row in read_rows(tmp_path / "study" / "trials.csv") if row.status == "done"]
+    counts = [re.findall(r": (\d+)", summary[f"findings_{how}"]) for how in ("by_boxes", "within_participants")]
+    assert [sum(map(int, found)) for found in counts] == [11, 11] and counts[0] != counts[1]
     assert len(done) == 20 and summary["recovered"] == 1 and verify(tmp_path / "study")["faults"] == []
 
 

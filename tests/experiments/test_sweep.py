@@ -22,11 +22,14 @@ from refusals import refusal
 from scipy.stats import rankdata
 from waiting import wait_until
 
+from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import BY_NAME
 from experiments.assumptions import SENSINGS
+from experiments.plan import PlannedTrial
 from experiments.protocol import load_protocol
 from experiments.study.sweep import load_sweep, run_sweep
 from experiments.study.sweep_results import ranks, read_sweep
+from experiments.study.unrecorded import person_of, run_measured, trial_of
 
 SMALL = """
 name = "small"
@@ -121,6 +124,21 @@ def test_the_same_person_meets_every_controller_with_the_same_noise(file):
     other = replace(jobs[0], protocol=literal).run().rows
     assert other.replace(b"literal", b"settled") == one
     assert jobs[1].run().rows != one
+
+
+def test_the_first_trial_begins_where_the_last_path_ends_as_after_a_trial(file):
+    """From where the handle comes to the start matters: from the middle of the path itself hardly anybody strays."""
+    job = load_sweep(file).jobs[0]
+    (measured, _) = job.run().rows.splitlines()
+    person, planned = person_of(job.population, 1, job.operator), PlannedTrial(1, 1, "three-brake", 1, 1, 1)
+
+    def error(*tip):
+        device = SimulatedDevice(job.protocol.assumptions.applied_to(job.device), tip)
+        trial = trial_of(job.protocol, person, job.operator, planned, device, job.preset)
+        return str(run_measured(trial, "01")[0].value("path_error_m"))
+
+    at_the_end, in_the_middle = (error(*tip).encode() for tip in ((0.08, 0.42), (0.0, 0.40)))
+    assert at_the_end in measured.split(b",") and in_the_middle not in measured.split(b",")
 
 
 WRONG = {

@@ -33,6 +33,7 @@ from app.window.widgets.parts import (
     toggle,
     wrapped_label,
 )
+from app.window.widgets.preflight import sentence
 from app.window.widgets.theme import COLOURS, colour_at, colour_of
 from app.window.widgets.words import STATUS_WORDS, data_folder_of, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
@@ -231,7 +232,7 @@ class AnalysePage(Page):
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
-        self.show_message("; ".join(results.problems), "caution")
+        self.show_message(" ".join(map(sentence, results.problems)), "caution")
         axes, axis = AXES | (QUESTION_AXIS if results.answers else {}), self.axis.value()
         self.axis.fill(axes, axis if axis in axes else POOLED)
         self._show()
@@ -283,7 +284,8 @@ class AnalysePage(Page):
         if results is None or trials is None:
             return
         if not len(results.trials):
-            self._show_empty(f"Nothing is recorded in {results.folder} yet.")
+            unread = f"No trial in {results.folder} can be read." if results.problems else ""
+            self._show_empty(unread or f"Nothing is recorded in {results.folder} yet.")
         elif not len(trials):
             self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
         else:
