@@ -28,7 +28,7 @@ LONG = (
     "test_sensitivity", "test_fault_matrix", "test_sandbox", "test_power",
     "test_texts_on_screen", "test_app_process", "test_compile_kernels",
     "test_paper_figures", "test_tutorial", "test_kernel_cache", "test_analyse_page",
-    "test_said_plainly", "test_from_python", "test_guard", "test_kill",
+    "test_said_plainly", "test_from_python", "test_guard",
     "test_emulate", "test_firmware", "test_launcher", "test_kernel_cache_own",
     "test_followed_paths", "test_random_scenes", "test_cli", "test_examples", "test_identify", "test_study",
     "test_replay_equal", "test_bench", "test_real_trial", "test_findings", "test_odd_values", "test_export",

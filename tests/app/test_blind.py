@@ -109,6 +109,7 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
     assert not session.blind and {trial.controller for trial in session.plan} == {1, 2, 3, 4, 5}
     for before, now in zip(coded_rows, session.rows, strict=True):
         assert now.controller == key[before.controller] and now.value("path_error_m") == before.value("path_error_m")
+        assert now.controller_name == PAPER.controllers[now.controller].name
         assert (now.value("switches_per_s") is not None) == bool(now.recording)
         if now.recording and now.controller != 3:  # with a gap, a trial that stayed in it has none either
             assert (now.value("unreachable_share") is not None) == (now.controller != 1)

@@ -1,7 +1,5 @@
 """What stands on the screen is what a canvas that is painted anew would show, whatever has happened to it."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from drawn_ways import way_of
@@ -23,7 +21,6 @@ from core import tick_log
 from core.obstacles import ObstacleFile
 
 STEPS, OUT_OF_SIGHT = 80, (0.5, 0.1)  # m
-Do = Callable[[], object]
 
 
 class Anything:
@@ -32,6 +29,9 @@ class Anything:
     def __init__(self, view: Plane, seed: int) -> None:
         self.view, self.random = view, np.random.default_rng(seed)
         self.rows, self.at = movement(1, "AEB", 1.0), 0
+        own = OF_PARTICIPANT if isinstance(view, ParticipantView) else OF_FORCES
+        own = own | (OF_LINKAGES if isinstance(view, LinkageView) else OF_PASSES if isinstance(view, PassView) else {})
+        self.happen = [*EVERY.items(), *3 * list(own.items())]
         view.show()
         if isinstance(view, LinkageView):
             view.show_places(DEVICES, PATHS)
@@ -39,48 +39,12 @@ class Anything:
 
     def step(self) -> str:
         """One of the things that happen; its name."""
-        common: list[Do] = [
-            self.resize, self.hide, self.show, self.show, self.point, self.zoom, self.show_obstacles,
-            self.show_beside, self.view.clear_trail, self.show_trial, self.view.follow_pointer,
-        ]  # fmt: skip
-        own = self.of_forces() if isinstance(self.view, ForceView) else self.of_participant()
-        now = [*common, *3 * own][self.random.integers(len(common) + 3 * len(own))]
-        now()
-        return now.__name__
-
-    def of_forces(self) -> list[Do]:
-        own = [self.add, self.rest, self.view.begin, self.view.refresh_text, self.show_layer, self.set_blind]
-        return own + ([self.show_line] if isinstance(self.view, LinkageView) else [self.show_gap])
-
-    def of_participant(self) -> list[Do]:
-        return [self.follow, self.write, self.show_hold, self.show_linkage]
-
-    # what happens to every view
+        name, do = self.any(*self.happen)
+        do(self, self.view)
+        return name
 
     def any(self, *among):
         return among[self.random.integers(len(among))]
-
-    def resize(self) -> None:
-        self.view.resize(*self.any((420, 300), (500, 340), (360, 400)))
-
-    def hide(self) -> None:
-        self.view.setVisible(self.view.isHidden())
-
-    def show(self) -> None:
-        self.view.show()
-
-    def point(self) -> None:
-        point(self.view, QPointF(self.random.integers(-20, 440), self.random.integers(-20, 320)))
-
-    def zoom(self) -> None:
-        self.view.set_extent(self.any(QRectF(-0.2, 0.2, 0.4, 0.3), QRectF(-0.1, 0.3, 0.25, 0.2)))
-
-    def show_obstacles(self) -> None:
-        corners = ((0.0, 0.37), (0.02, 0.37), (0.01, 0.39))
-        self.view.show_obstacles(self.any((), (ObstacleFile(polygon_m=corners),)))
-
-    def show_beside(self) -> None:
-        self.view.show_beside(self.any(np.empty((0, 2)), way_of(self.rows)), theme.COLOURS.caution)
 
     def show_trial(self) -> None:
         segment, tip = self.any(*PATHS), self.any(TIP, (-0.05, 0.33))
@@ -93,8 +57,6 @@ class Anything:
             self.view.show_path(PATHS[segment])
             self.view.show_handle(tip)
 
-    # what happens to some
-
     def next_rows(self) -> np.ndarray:
         begin, self.at = self.at, self.at + self.any(1, 16, 90)
         if begin >= len(self.rows):
@@ -105,35 +67,47 @@ class Anything:
         rows = self.next_rows()
         self.view.add(rows, self.any(None, False, True), self.any(0, len(rows) - 1))
 
-    def rest(self) -> None:
-        self.view.rest(self.any(TIP, OUT_OF_SIGHT, tuple(self.rows[0, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())))
-
-    def show_layer(self) -> None:
-        layer = self.any(*(LAYERS if isinstance(self.view, LinkageView) else pass_view.LAYERS))
-        self.view.show_layer(layer, layer not in self.view.shown)
-
-    def set_blind(self) -> None:
-        self.view.set_blind(not self.view.blind)
-
-    def show_line(self) -> None:
-        self.view.show_line(self.any("", "Participant reads: Go"))
-
-    def show_gap(self) -> None:
-        self.view.show_gap(self.any(0.0, 0.005))
-
     def follow(self) -> None:
         rows = self.next_rows()
         self.view.extend_trail(way_of(rows))
         self.view.show_handle(tuple(rows[-1, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist()), self.any(True, False), 9.0)
 
-    def write(self) -> None:
-        self.view.write(Shown(self.any("Go", "Hold"), self.any("", "Follow the line to the orange circle")))
+    def show_layer(self) -> None:
+        layer = self.any(*(LAYERS if isinstance(self.view, LinkageView) else pass_view.LAYERS))
+        self.view.show_layer(layer, layer not in self.view.shown)
 
-    def show_hold(self) -> None:
-        self.view.show_hold(self.any(0.0, 0.4, 1.0))
 
-    def show_linkage(self) -> None:
-        self.view.show_linkage(self.any(None, *DEVICES))
+WALL = ObstacleFile(polygon_m=((0.0, 0.37), (0.02, 0.37), (0.01, 0.39)))
+#: What happens to any view; to those of forces, of linkages, of passes, of the participant.
+EVERY = {
+    "resized": lambda a, view: view.resize(*a.any((420, 300), (500, 340), (360, 400))),
+    "hidden": lambda a, view: view.setVisible(view.isHidden()),
+    "shown": lambda a, view: view.show(),
+    "shown again": lambda a, view: view.show(),
+    "pointed at": lambda a, view: point(view, QPointF(a.random.integers(-20, 440), a.random.integers(-20, 320))),
+    "zoomed": lambda a, view: view.set_extent(a.any(QRectF(-0.2, 0.2, 0.4, 0.3), QRectF(-0.1, 0.3, 0.25, 0.2))),
+    "obstacles": lambda a, view: view.show_obstacles(a.any((), (WALL,))),
+    "another way": lambda a, view: view.show_beside(a.any(np.empty((0, 2)), way_of(a.rows)), theme.COLOURS.caution),
+    "trail cleared": lambda a, view: view.clear_trail(),
+    "trial": lambda a, view: a.show_trial(),
+    "pointer followed": lambda a, view: view.follow_pointer(),
+}
+OF_FORCES = {
+    "ticks": lambda a, view: a.add(),
+    "rest": lambda a, view: view.rest(a.any(TIP, OUT_OF_SIGHT)),
+    "begun": lambda a, view: view.begin(),
+    "text": lambda a, view: view.refresh_text(),
+    "layer": lambda a, view: a.show_layer(),
+    "blind": lambda a, view: view.set_blind(not view.blind),
+}
+OF_LINKAGES = {"line": lambda a, view: view.show_line(a.any("", "Participant reads: Go"))}
+OF_PASSES = {"gap": lambda a, view: view.show_gap(a.any(0.0, 0.005))}
+OF_PARTICIPANT = {
+    "ticks": lambda a, view: a.follow(),
+    "words": lambda a, view: view.write(Shown(a.any("Go", "Hold"), a.any("", "Follow the line"))),
+    "hold": lambda a, view: view.show_hold(a.any(0.0, 0.4, 1.0)),
+    "linkage": lambda a, view: view.show_linkage(a.any(None, *DEVICES)),
+}
 
 
 def pixels(image: QImage) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from disks import flip_a_bit, full
+from disks import flip_a_bit
 from emulated import Emulated
 from packaging.requirements import Requirement
 
@@ -185,14 +185,3 @@ def test_damaged_kernels_are_named_and_removed(tmp_path: Path, monkeypatch: pyte
     line = doctor.kernels()
     assert line.state == CAUTION and line.text.startswith("1 of the files") and "a.kernel: it is damaged" in line.text
     assert [file.name for file in tmp_path.rglob("*.kernel")] == ["b.kernel"] and doctor.kernels().state == GOOD
-
-
-def test_kernels_that_cannot_be_kept_are_a_caution_that_says_why(tmp_path, monkeypatch) -> None:
-    for place in (Place(tmp_path, "it belongs to another user"), Place(None, "it belongs to another user")):
-        monkeypatch.setattr(doctor, "cache_place", lambda place=place: place)
-        line = doctor.kernels()
-        assert line.state == CAUTION and "it belongs to another user" in line.text
-    monkeypatch.setattr(doctor, "cache_place", lambda: Place(tmp_path))
-    monkeypatch.setattr("core.kernels.cache.tempfile.TemporaryFile", full)
-    line = doctor.kernels()
-    assert line.state == CAUTION and "No space left on device" in line.text and "Make room" in line.advice

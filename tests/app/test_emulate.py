@@ -3,16 +3,12 @@ time. What the plug has no part in is tried on one of them."""
 
 import contextlib
 import math
-import os
-import socket
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from emulated import Emulated, when
-from refusals import refusal
 from simulated_bench import nothing_looks_for_the_board
 from waiting import LONG_S, wait_until
 
@@ -22,11 +18,8 @@ from core.device_interface import DeviceError
 from core.files import InputError
 from core.path import Segment, build_path
 from core.tick_log import APPROACH, MOVE
-from hardware.discovery import MAX_LOOKS, BoardFound, ask_board, scan_ports
-from hardware.emulated_board.device import HeldHand
-from hardware.emulated_board.emulator import Emulator, EmulatorSettings
-from hardware.emulated_board.line_faults import AT_JOINT, KINDS, read_fault
-from hardware.emulated_board.plug import LOOPBACK, emulated_ports
+from hardware.discovery import ask_board, scan_ports
+from hardware.emulated_board.plug import emulated_ports
 from hardware.serial_device import SerialDevice
 
 DEVICE = load_device("four-brake")
@@ -36,7 +29,6 @@ LATE = "the board got no command for 50 ms"  # what a board rightly says where t
 HELD_UP_S = 0.02  # longest that a host may be away before what the board says overflows
 
 
-HAS_TERMINALS = hasattr(os, "openpty")
 on_both = pytest.mark.parametrize("emulated", [(), ("--socket",)], ids=["terminal", "socket"], indirect=True)
 on_socket = pytest.mark.parametrize("emulated", [("--socket",)], ids=["socket"], indirect=True)
 
@@ -146,24 +138,6 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
         assert ask_board(emulated.port).device == name
 
 
-def test_a_port_where_nothing_answers_yet_is_asked_again_a_few_times_and_one_that_answers_never(monkeypatch) -> None:
-    asked: list[str] = []
-
-    def ask(port: str) -> BoardFound:
-        asked.append(port)
-        late = asked.count("late") > 1
-        return BoardFound(port, problem="" if port == "board" or (port == "late" and late) else "no answer")
-
-    monkeypatch.setattr("hardware.discovery.usb_ports", lambda: ["board", "late", "mute"])
-    monkeypatch.setattr("hardware.discovery.emulated_ports", list)
-    monkeypatch.setattr("hardware.discovery.ask_board", ask)
-    found = ()
-    for _ in range(3 * MAX_LOOKS):
-        found = scan_ports(found)
-    assert [bool(one.problem) for one in found] == [False, False, True]
-    assert Counter(asked) == {"board": 1, "late": 2, "mute": MAX_LOOKS}
-
-
 def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path) -> None:
     emulated = Emulated(tmp_path, "--device", "three-brake")
 
@@ -193,36 +167,3 @@ def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emul
         assert "error" in emulated.order(**order)
     assert "error" in emulated.send("[" * 2000 + "]" * 2000)
     assert emulated.order()["state"] not in ("READY", "ACTIVE")
-
-
-@pytest.mark.parametrize("text", ["drop=0.5", "brown-out", "unplug", "saturated-force"])
-def test_a_fault_may_act_from_the_start(text: str) -> None:
-    tcp = None if HAS_TERMINALS else 0
-    emulator = Emulator([DEVICE], HeldHand((0.0, 0.40)), (0.0, 0.40), [read_fault(text)], EmulatorSettings(tcp=tcp))
-    emulator.close()
-    assert emulator.port not in emulated_ports()
-
-
-def test_a_tcp_port_that_another_program_has_is_one_sentence(capfd: pytest.CaptureFixture) -> None:
-    with socket.create_server((LOOPBACK, 0)) as taken:
-        before = emulated_ports()
-        refusal(capfd, "emulate", "--socket", taken.getsockname()[1])
-        assert emulated_ports() == before
-
-
-@pytest.mark.parametrize(
-    "text", ["drop", "drop=1.1", "drop=nan", "stall=3", "stuck-encoder", "stuck-encoder=AE", "x", ""]
-)
-def test_a_fault_that_makes_no_sense_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="fault"):
-        read_fault(text)
-
-
-def test_every_kind_of_fault_can_be_asked_for() -> None:
-    for kind in KINDS:
-        value = (
-            "=A" if kind in AT_JOINT else "=0.5" if kind in ("drop", "corrupt", "duplicate", "delay", "jitter") else ""
-        )
-        fault = read_fault(f"{kind}{value}@2+3", now_s=10.0)
-        assert fault.kind == kind and (fault.start_s, fault.end_s) == (12.0, 15.0)
-        assert math.isinf(read_fault(kind + value).end_s)

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from disks import Disk, full
 from live import Window
-from sessions import files
 from simulated_loop import LocalWindow, local_window
 
 from app.ipc import messages as m
@@ -16,7 +15,6 @@ from app.ipc.messages import Setup
 from app.session_server import storage as storage_module
 from core import tick_log
 from experiments.inputs import OPERATOR
-from experiments.store.cells import cell
 from experiments.store.journal import NOTE, read_events
 from experiments.store.verify import verify
 
@@ -91,33 +89,6 @@ def test_a_folder_that_goes_in_mid_trial_and_comes_back_costs_no_tick(window, tm
     assert verify(tmp_path / "data")["faults"] == []
 
 
-def test_between_two_trials_nothing_starts_in_a_folder_that_is_gone(window, tmp_path):
-    first = done(window).rows[0]
-    session = session_in(tmp_path / "data")
-    session.rename(tmp_path / "away")
-    assert f"{session} is gone" in refused(window, m.Start())
-    session.mkdir()
-    assert "session.db is gone" in refused(window, m.Start())
-    assert not any(path.name != ".lock" for path in session.iterdir()) and window.snapshot.rows == (first,)
-    assert window.snapshot.coming.run == 2 and cell(window.snapshot.coming) != cell(first)
-
-
-def test_a_folder_of_another_session_in_the_place_of_ours_is_not_written_to(window, tmp_path):
-    done(window)
-    session = session_in(tmp_path / "data")
-    session.rename(tmp_path / "away")
-    with local_window(Setup(tmp_path / "second", sync=False, hand=OPERATOR)) as other:
-        other.open()
-    shutil.copytree(session_in(tmp_path / "second"), session)
-    before = files(session)
-    window.client.send(m.Note("whose is this?"))
-    for _ in range(5):
-        window.look()
-    window.client.send(m.Leave())
-    window.look()
-    assert window.snapshot.in_memory == "1 line of the journal" and files(session) == before
-
-
 def test_a_disk_that_is_well_again_in_mid_trial_is_said_to_be(window, disk):
     begin(window)
     disk.refuses = full
@@ -141,27 +112,3 @@ def test_a_session_with_ticks_in_memory_alone_is_not_closed_and_what_ends_with_t
     last = window.client.state.snapshot()
     assert last.stage == m.FAILED and f"{ticks} ticks" in last.notice.replace(",", "") and run == 1
     assert "they are in" in last.notice
-
-
-def test_a_loop_that_dies_while_the_folder_is_gone_leaves_its_ticks_in_memory(window, tmp_path):
-    run = begin(window)
-    (tmp_path / "data").rename(tmp_path / "away")
-    window.until(lambda s: s.not_written)
-    loop = window.client.state.runner._loop
-    window.client.state.runner._replace = lambda: _lost(window.client.state.runner)
-    loop.closed = True
-    said = window.until(lambda s: s.stage != m.RUNNING)
-    assert "in memory" in said.notice and f"trial {run}" in said.in_memory
-    (tmp_path / "away").rename(tmp_path / "data")
-    loop.closed = False
-    said = window.until(lambda s: not s.not_written)
-    assert [(row.run, row.status) for row in said.rows] == [(run, "recovered")] and cell(said.coming) == cell(
-        said.rows[0]
-    )
-    assert window.recording(run).rows == len(window.rows)
-
-
-def _lost(runner):
-    run, runner.run = runner.run, None
-    runner._loop.closed, runner._loop._trial = False, None
-    return run, "the control loop ended unexpectedly"

@@ -38,14 +38,6 @@ def test_the_host_the_scheduler_and_the_switches_are_as_the_system_counts_them(c
     assert found == LostTime(stolen, pytest.approx(2.5), 12)
 
 
-@linux
-@pytest.mark.parametrize("missing", FILES)
-def test_a_file_that_a_system_does_not_have_makes_its_number_unknown_and_no_other(missing: str) -> None:
-    files = {path: text for path, text in FILES.items() if path != missing}
-    known = [one is not None for one in lost_time(7, -1, reads(files))]
-    assert known == [path != missing for path in FILES]
-
-
 @pytest.mark.parametrize("worked_us", [0.0, 25.0])
 def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measured_it(monkeypatch, worked_us) -> None:
     looks = iter([LostTime(10.0, None, 3), LostTime(30.0, None, 8)])

@@ -6,9 +6,8 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import asdict, replace
-from protocols import CURVES, PAPER, changed, protocol_of, short
+from protocols import PAPER, changed, protocol_of, short
 
-from app.cli import main
 from core.device import SHIPPED_FOLDER
 from core.files import InputError
 from core.path import Arc, Polyline, Segment
@@ -152,21 +151,6 @@ def test_an_arc_is_checked_along_its_bulge_not_only_at_its_ends():
         protocol_of(text)
 
 
-@pytest.mark.parametrize(
-    "options, refusal",
-    [
-        ({"rules": "loose"}, "options: rules must be one of settled, literal, not 'loose'"),
-        ({"low_gain": 0.0}, "options: low_gain must be greater than 0"),
-        ({"low_gain": float("nan")}, "options: low_gain must be finite"),
-        ({"seed": -1}, "options: seed must be at least 0"),
-        ({"devices": ["x"]}, "--device: unknown device 'x'"),
-    ],
-)
-def test_what_is_asked_for_and_cannot_be_is_refused(options, refusal):
-    with pytest.raises(InputError, match=refusal):
-        load_protocol(**options)
-
-
 def test_without_a_proportional_controller_there_is_no_low_gain_to_set():
     text = re.sub(r"\[\[controller\]\].*\s*number = [45]\n(.+\n)+", "", PAPER.text)
     assert {preset.kind for preset in protocol_of(text).controllers.values()} == {"none", "sdof"}
@@ -206,24 +190,6 @@ def test_the_plan_of_a_blind_protocol_shows_codes_and_that_of_a_single_controlle
     text = re.sub(r"\[\[controller\]\].*\s*number = [1345]\n(.+\n)+", "", PAPER.text)
     assert "only one controller" in print_plan(protocol_of(text), "01")
     assert "only one controller" not in print_plan(PAPER, "01")
-
-
-def test_a_study_runs_a_protocol_of_curves_and_does_not_test_the_papers_statements_on_it(tmp_path, capsys):
-    text = CURVES.read_text()
-    (tmp_path / "mine.toml").write_text(changed(text, blocks="1", repetitions="1"))
-    out = tmp_path / "study"
-    assert main(["study", str(tmp_path / "mine.toml"), "--operators", "1", "--out", str(out)]) == 0
-    assert "not those of the paper's Table I" in capsys.readouterr().out
-    report = (out / "report" / "report.md").read_text()
-    assert "the paper says" not in report and "| four-brake | Proportional |" in report
-    assert not (out / "report" / "findings.csv").exists() and (out / "report" / "statistics.csv").exists()
-    assert main(["verify", str(out)]) == 0
-    assert main(["analyze", str(out), "--out", str(tmp_path / "again")]) == 0
-    assert "the paper says" not in (tmp_path / "again" / "report" / "report.md").read_text()
-    other = tmp_path / "other.toml"
-    other.write_text(changed(text, blocks="2"))
-    assert main(["study", str(other), "--resume", "--out", str(out)]) == 2
-    assert "begun with another protocol (curves)" in capsys.readouterr().err
 
 
 def test_times_and_radii_of_a_protocol_are_those_of_its_trials(tmp_path):

@@ -60,23 +60,14 @@ def editing(qtbot, monkeypatch):
 
 MISTAKES = {  # what is put in place of what, what is said then, and the line that is marked
     "no blocks": ("blocks = 3", "blocks = 0", "blocks must be at least 1, not 0", "blocks = 0"),
-    "no value": ("blocks = 3", "blocks = ", "what stands behind = is missing", "blocks = "),
     "no quotation mark": ('"paper"', '"paper', "a quotation mark is missing", 'name = "paper'),
-    "no name": ('name = "paper"', "", "the required key name is missing", "# The paper's experiment"),
     "too far": ("end_m = [0.10", "end_m = [9.0", "cannot follow path 1", "[[path]]"),
-    "one point": (
-        'kind = "segment"\nstart_m = [-0.10, 0.40]\nend_m = [0.10, 0.40]', 'kind = "polyline"\npoints_m = [[0.0, 0.4]]',
-        "a polyline needs at least two points, for instance", "points_m = [[0.0, 0.4]]",
-    ),
     "one number": (
         'kind = "segment"\nstart_m = [-0.10, 0.40]\nend_m = [0.10, 0.40]',
         'kind = "polyline"\npoints_m = [[0.0, 0.4], [1]]', "point 2 of points_m must hold 2 values, not 1", "points_m",
     ),
-    "unknown path": ('"segment"', '"spiral"', "kind must be one of segment, polyline, arc, drawing", 'kind = "spiral"'),
     "gain below 0": ("= 500.0 ", "= -500.0 ", "controller 5: gain_N_s_m must be greater than 0", "gain_N_s_m = -500.0"),
-    "text for a time": ("hold_s = 0.5", 'hold_s = "a"', "trial.hold_s must be a number, not text", 'hold_s = "a"'),
     "unknown table": ("[trial]", "[trail]", "did you mean trial?", "[trail]"),
-    "no such device": ('"three-brake"', '"five-brake"', "unknown device 'five-brake'", "devices = ["),
     "a table twice": ("[mouse]", "[trial]", "the table trial is in the text twice", "[trial]"),
 }  # fmt: skip
 

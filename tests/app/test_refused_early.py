@@ -1,15 +1,12 @@
 """What cannot be is refused before anything opens; what is known of a session before it is opened."""
 
 import contextlib
-import re
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from disks import full
-from msgspec.structs import replace
-from protocols import PAPER, changed, protocol_of, short
+from protocols import PAPER, changed, short
 from refusals import refusal
 from sessions import closed_session, files, new_session
 from simulated_loop import local_window
@@ -20,7 +17,6 @@ from app.session_server.server import read_protocol, refusal_of, take_folder
 from app.session_server.session_progress import SessionProgress
 from core.files import InputError
 from experiments.inputs import OPERATOR
-from experiments.protocol import MOST_TRIALS
 from experiments.store import files as files_module
 from experiments.store.database import DATABASE
 from experiments.store.files import refuse_existing
@@ -55,20 +51,6 @@ def test_a_session_that_is_there_is_taken_up_whoever_the_protocol_names_now(name
     data = tmp_path / "data"
     Session(data, Participant("09"), PAPER, sync=False).close()
     assert read_protocol(Setup(data, str(named), participant="09")).participants == ("07", "08")
-
-
-def test_a_plan_without_end_is_refused_in_one_sentence(tmp_path, capsys):
-    path = tmp_path / "endless.toml"
-    path.write_text(changed(PAPER.text, blocks="1000", repetitions="1000"))
-    began = time.perf_counter()
-    told = refusal(capsys, "run", path, "--print-plan")
-    assert f"{MOST_TRIALS}" in told and "20000000" in told
-    assert time.perf_counter() - began < 60.0  # it would take hours
-    cells = len(PAPER.devices) * len(PAPER.paths) * len(PAPER.controllers)
-    most = MOST_TRIALS // cells
-    assert protocol_of(changed(PAPER.text, blocks=f"{most}", repetitions="1")).blocks == most
-    with pytest.raises(InputError, match="at most"):
-        protocol_of(changed(PAPER.text, blocks=f"{most + 1}", repetitions="1"))
 
 
 def test_no_questionnaire_is_put_to_a_simulated_operator(tmp_path):
@@ -138,12 +120,6 @@ def test_a_refused_bench_leaves_nothing_behind(tmp_path: Path, there: str) -> No
     assert everything(tmp_path) == before
 
 
-def test_a_folder_that_cannot_be_made_is_one_sentence_and_nothing_is_left(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert "is a file, or lies in one" in refuse(Setup(tmp_path / "file" / "data"))
-    assert everything(tmp_path) == {"file"}
-
-
 def test_a_folder_that_another_window_uses_is_refused_and_left_to_it(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("app.session_server.server.LOCK_S", 0.05)
     with local_window(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as first:
@@ -183,17 +159,3 @@ def test_a_session_by_another_protocol_than_the_one_before_is_noticed(tmp_path):
     (tmp_path / "sub-03" / "ses-01").mkdir(parents=True)
     (tmp_path / "sub-03" / "ses-01" / "session.db").write_text("{")
     assert other_protocol(tmp_path, "02", PAPER) == "01"
-
-
-def test_a_plan_of_one_trial_and_one_of_a_thousand_can_be_begun_and_resumed(tmp_path: Path) -> None:
-    one = re.sub(r"\[\[path\]\]\s*number = 2\n(.+\n)+", "", PAPER.text)
-    one = re.sub(r"\[\[controller\]\]\s*number = [2345]\n(.+\n)+", "", one)
-    for name, text, trials in (("one", changed(one, blocks="1"), 1), ("many", changed(PAPER.text, blocks="50"), 1000)):
-        protocol = replace(protocol_of(text), devices=PAPER.devices[:1]) if name == "one" else protocol_of(text)
-        session = Session(tmp_path / name, Participant("01"), protocol, sync=False)
-        assert len(session.plan) == trials and session.next_planned() == session.plan[0]
-        session.skip("short of time")
-        session.close()
-        again = Session.resume(tmp_path / name, "01", sync=False)
-        assert again.finished_count == 1 and again.next_planned() == (session.plan[1] if trials > 1 else None)
-        again.close()

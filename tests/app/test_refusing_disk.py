@@ -118,32 +118,8 @@ def test_a_disk_that_is_read_alone_is_read_as_it_is_and_written_to_in_no_way(cra
         subprocess.run(["umount", str(place)], check=True)
 
 
-def given_to_another(folder: Path, open_to_all: bool) -> None:
-    """It is another user's, and this one reads it or not."""
-    if not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("setpriv") is None:
-        pytest.skip("only root can give a folder away, and take its privileges from a program")
-    for path in (folder, *folder.rglob("*")):
-        os.chown(path, 65534, 65534)
-        if open_to_all:
-            path.chmod(0o755 if path.is_dir() else 0o644)
-
-
 def as_anybody(*arguments: object) -> subprocess.CompletedProcess:
     """A verb without root's privileges."""
     command = ["setpriv", "--bounding-set=-all", "--inh-caps=-all", sys.executable, "-m", "app.cli"]
     about = {"capture_output": True, "text": True, "cwd": ROOT, "check": False}
     return subprocess.run([*command, *map(str, arguments)], **about)
-
-
-def test_another_user_reads_nothing_and_is_told_so_in_one_sentence(crashed):
-    given_to_another(crashed, open_to_all=False)
-    done = as_anybody("analyze", crashed)
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"phd: {crashed}: permission denied\n")
-
-
-def test_a_folder_that_another_user_shares_is_read_and_nobody_else_goes_on_with_it(crashed):
-    given_to_another(crashed, open_to_all=True)
-    done = as_anybody("verify", crashed)
-    assert done.returncode == 1 and "run-002.parquet: cut off" in done.stdout and done.stderr == "", done
-    done = as_anybody("analyze", crashed)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "permission denied" in done.stderr, done

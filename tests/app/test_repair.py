@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from damage import edited, found
 from protocols import short
-from sessions import Killed, crash_in_trial, files, kill, killing, new_session, of, run, run_trials, session_of
+from sessions import Killed, crash_in_trial, files, killing, new_session, of, run_trials, session_of
 
 from app.cli import main
 from experiments.store import recording, repair
-from experiments.store.cells import cell
 from experiments.store.database import DATABASE
-from experiments.store.files import rows_of
 from experiments.store.journal import REPAIRED, read_events
 from experiments.store.recording import read_recording
 from experiments.store.session import Session
-from experiments.store.stored import read_stored
 from tests.support.rows import read_rows
 
 
@@ -63,21 +60,6 @@ def test_a_trial_that_was_cut_off_keeps_every_tick_and_is_marked_recovered(data)
     (event,) = (entry.about for entry in read_events(of(data)) if entry.event is REPAIRED)
     assert event["trials"] == ["trial 3, 4,500 ticks"] and event["rows"] == ["trial 3 is recovered"]
     assert opened(data) == ""  # again: nothing is left to do
-
-
-@pytest.mark.parametrize("ticks", [0, 500, 2000])
-def test_whatever_was_committed_before_the_kill_is_kept(tmp_path, ticks):
-    session = new_session(tmp_path)
-    trial, writer = session.begin(session.next_planned())
-    run(trial, writer, ticks)
-    kill(session)
-    assert f"trial 1, {ticks:,} ticks" in opened(tmp_path)
-    (row,) = rows_of(of(tmp_path))
-    assert row.status == "recovered" and cell(row) == cell(read_stored(of(tmp_path)).plan[0])
-    assert (row.recording == "") == (ticks == 0)
-    if ticks:
-        assert read_recording(of(tmp_path) / row.recording).rows == ticks
-    assert found(tmp_path) == {}
 
 
 def test_damaged_ticks_are_left_out_and_the_rest_is_kept(data):

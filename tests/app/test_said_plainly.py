@@ -1,29 +1,21 @@
 """What the program says where something is closed, forbidden, absurd or takes long: one sentence, never a traceback."""
 
-import contextlib
-import io
 import os
 import re
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
-from protocols import PAPER, PEOPLE, changed, short
+from protocols import PAPER, PEOPLE, changed
 from refusals import refusal
-from waiting import wait_until
 
 from app.cli import main
-from app.progress import ProgressBar
-from app.session_server.server import refusal_of
 from app.window.widgets.work import BackgroundTask
 from core.files import InputError
 from experiments.protocol import MOST_PICTURE_BYTES, load_protocol
-from experiments.store.files import LOCK, hold_lock
 from experiments.study.study import run_study
-from tests.support.rows import read_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name == "nt", reason="of POSIX")
@@ -71,51 +63,7 @@ def test_with_a_closed_stdout_nothing_that_is_printed_gets_into_a_file_that_is_w
 # ---------------------------------------------------------------------------------------------------------- interrupted
 
 
-class Interrupting:
-    """ProgressBar that presses Ctrl-C after so many calls."""
-
-    def __init__(self, after: int) -> None:
-        self.left = after
-
-    def __call__(self, share: float) -> None:
-        self.left -= 1
-        if self.left == 0:
-            raise KeyboardInterrupt
-
-
-def test_an_interrupted_study_says_how_it_goes_on_and_goes_on(tmp_path, monkeypatch, capsys):
-    out = tmp_path / "out"
-    with pytest.raises(KeyboardInterrupt) as interrupted:
-        run_study(out, 1, short(paths=1), PEOPLE, progress=Interrupting(2))
-    monkeypatch.setattr("app.verbs.study.study", lambda args: (_ for _ in ()).throw(interrupted.value))
-    assert main(["study", "--out", str(out)]) == 130
-    assert capsys.readouterr().err == f"phd: {out}: interrupted; continue with the same command and --resume\n"
-    monkeypatch.undo()
-    assert main(["study", "--out", str(out), "--resume"]) == 0
-    assert "trials run now" in capsys.readouterr().out
-
-
 # ------------------------------------------------------------------------------------------------------------- progress
-
-
-@contextlib.contextmanager
-def no_terminal():
-    """What is said on stderr, which is no terminal, with little time between two lines."""
-    with contextlib.redirect_stderr(io.StringIO()) as said, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ProgressBar, "LINE_S", 0.01)
-        yield said
-
-
-def test_where_there_is_no_terminal_lines_come_while_nothing_is_called_and_none_after_the_end():
-    with no_terminal() as said:
-        with contextlib.closing(ProgressBar("study")) as progress:
-            progress(0.25)
-            wait_until(lambda: said.getvalue().count("\n") >= 3)
-            progress(0.5)
-            wait_until(lambda: "study: 50 %" in said.getvalue())
-        assert not [thread for thread in threading.enumerate() if thread.name == "lines of progress"]
-    lines = said.getvalue()
-    assert set(lines.splitlines()) == {"study: 25 %", "study: 50 %"} and lines.endswith("\n")
 
 
 # ------------------------------------------------------------------------------------------------------------ too large
@@ -177,35 +125,6 @@ def test_what_is_no_picture_is_refused_in_one_sentence_without_reading_it(tmp_pa
 AS_ANYBODY = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
 
 
-@posix
-@pytest.mark.parametrize(
-    "why, state",
-    [
-        ("is a directory", "is not set up yet"),
-        ("permission denied", "is not set up yet"),
-        ("permission denied", "was set up for another version, or with a Python that you may not run"),
-    ],
-)
-def test_a_tree_that_the_user_may_not_write_to_is_refused_in_one_sentence(tmp_path, why, state):
-    command = [sys.executable, "-S", str(tmp_path / "tree/app/set_up.py"), "study", "--help"]
-    (tmp_path / "tree/app").mkdir(parents=True)
-    for name in ("app/set_up.py", "pyproject.toml", "constraints.txt"):
-        shutil.copy(ROOT / name, tmp_path / "tree" / name)
-    if state != "is not set up yet":
-        (tmp_path / "tree/.venv").mkdir()
-    if why == "is a directory":
-        (tmp_path / "tree/.venv.lock").mkdir()
-    elif os.geteuid() == 0:
-        if shutil.which("setpriv") is None:
-            pytest.skip("root may write everywhere")
-        command = [*AS_ANYBODY, *command]
-    (tmp_path / "tree").chmod(0o555)
-    done = subprocess.run(command, capture_output=True, text=True, cwd="/")
-    (tmp_path / "tree").chmod(0o755)
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1, done.stderr
-    assert done.stderr.startswith(f"phd: {tmp_path}/tree/.venv.lock: {why}, and this tree {state}: ")
-
-
 # ------------------------------------------------------------------------------------------------ of others, or no text
 
 
@@ -217,19 +136,6 @@ def as_anybody(*arguments: str) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
 
 
-@posix
-def test_a_folder_in_which_another_user_records_is_in_use_and_one_that_is_left_names_the_lock(tmp_path):
-    denied = PermissionError(13, "Permission denied", str(tmp_path / LOCK))
-    assert refusal_of(denied, tmp_path) == f"{tmp_path}: cannot be written to (permission denied)"
-    lock = hold_lock(tmp_path)
-    (tmp_path / LOCK).chmod(0o444)  # as it is to others
-    done = as_anybody("study", "--out", str(tmp_path), "--operators", "1")
-    lock.release()
-    assert done.returncode == 2 and done.stderr.startswith(f"phd: {tmp_path}: another PHD window or study is using")
-    (tmp_path / LOCK).touch(0o444)
-    assert refusal_of(denied, tmp_path) == f"{tmp_path}/.lock: cannot be written to (permission denied)"
-
-
 def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):
     def read() -> None:
         raise PermissionError(13, "Permission denied", "theirs/sub-01")
@@ -239,11 +145,3 @@ def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):
     task.ask(read)
     qtbot.waitUntil(lambda: bool(said))
     assert isinstance(said[0], InputError) and str(said[0]) == "theirs/sub-01: permission denied"
-
-
-@posix
-@pytest.mark.parametrize("name", ["trials.csv"])
-def test_a_link_to_a_device_is_not_read(tmp_path, name):
-    (file := tmp_path / name).symlink_to("/dev/zero")
-    with pytest.raises(InputError, match="is no regular file"):
-        read_rows(file)

@@ -22,7 +22,7 @@ from app.session_server.device_setup import SimulatedSetup
 from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
 from app.session_server.steps import stage_of
-from app.session_server.storage import RETRY_S, Storage
+from app.session_server.storage import Storage
 from experiments.inputs import MOUSE
 from experiments.store.cells import cell
 from experiments.store.files import rows_of
@@ -164,19 +164,6 @@ def test_what_was_put_elsewhere_is_not_taken_if_it_was_changed_or_comes_too_late
     again.close()
 
 
-def test_a_disk_that_has_room_again_is_tried_within_seconds(storage, session, disk, monkeypatch):
-    monkeypatch.setattr(storage_module, "RETRY_S", RETRY_S)
-    disk.refuses = full
-    storage.write(NOTE, text="one")
-    disk.refuses = None
-    storage.retry()
-    assert storage.not_written, "not at each look"
-    began = time.perf_counter()
-    monkeypatch.setattr(storage_module.time, "perf_counter", lambda: began + 6.0)
-    storage.retry()
-    assert not storage.not_written
-
-
 @pytest.mark.parametrize(("refuses", "why"), [(full, "no space left"), (locked, "permission denied")])
 def test_a_disk_that_takes_nothing_stops_the_next_trial_until_it_does(storage, session, said, disk, refuses, why):
     ended = Ended(session)
@@ -234,16 +221,6 @@ def test_a_clock_that_was_set_is_an_event_and_the_order_stays(storage, session, 
     entries = read_events(session.folder)[-4:]
     assert [entry.about.get("text") for entry in entries] == ["before", None, "after", "later"]
     assert entries[1].event is CLOCK_JUMPED and entries[1].about["seconds"] == pytest.approx(-3600.0, abs=1.0)
-
-
-def test_a_table_that_was_edited_is_made_again_with_the_next_trial(storage, session):
-    run_trials(session, 1)
-    table = session.folder / "trials.csv"
-    table.write_bytes(table.read_bytes().replace(b"done", b"gone"))
-    storage.store_trial(Ended(session))
-    assert not storage.not_written and [row.status for row in session.rows] == ["done", "done"]
-    assert b"gone" not in table.read_bytes()
-    in_order(session)
 
 
 def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(storage, session, said):

@@ -210,20 +210,3 @@ def test_the_next_participant_has_a_session_of_their_own(window: Window, setup: 
     window.until_stage(m.NO_SESSION)
     assert unfinished(setup.data_dir) == ("01",)
     assert verify(setup.data_dir)["faults"] == []
-
-
-def test_a_session_that_is_done_can_be_opened_again_to_redo_a_trial(window: Window, setup: Setup) -> None:
-    window.client.stop("the day is over")
-    window.join(setup)
-    window.until_stage(m.NO_SESSION)
-    assert unfinished(setup.data_dir) == ("01",)
-    snapshot = ask(window, m.Open("07", resume=True), lambda s: s.stage == m.FINISHED)
-    last = snapshot.rows[-1]
-    assert snapshot.coming is None and last.status == "done"
-    snapshot = ask(window, m.Redo(last.run, "a word was said"), lambda s: s.coming is not None)
-    assert cell(snapshot.coming) == cell(last)
-    while window.snapshot.stage != m.READY:
-        ask(window, m.Confirm(), lambda s: s.stage != m.RERIG)
-    rows = run_one(window).rows
-    assert [row.status for row in rows if cell(row) == cell(last)][-2:] == ["redone", "done"]
-    assert window.snapshot.stage == m.FINISHED and verify(setup.data_dir)["faults"] == []

@@ -28,12 +28,6 @@ def test_any_two_colours_are_told_apart_with_any_sight(colours, sight):
     assert nearest(colours, sight).distance >= LEAST_APART
 
 
-def test_distances_are_those_of_the_space_and_the_colour_blind_see_less():
-    assert nearest(("#000000", "#ffffff"), "normal").distance == pytest.approx(100.0, abs=0.5)
-    red, green = "#c00000", "#007000"
-    assert nearest((red, green), "deuteranopia").distance < 0.5 * nearest((red, green), "normal").distance
-
-
 def test_a_controller_has_its_own_colour_in_every_protocol():
     """By its algorithm and its place: a protocol without SDOF leaves its colours to those of no shipped algorithm."""
     kinds = "none sdof sdof proportional proportional reflect damper.py".split()

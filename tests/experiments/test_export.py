@@ -248,23 +248,6 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
     assert not [name for name in files(outs["bids"]) if "run-02" in name or "run-03" in name]
 
 
-def test_while_a_session_is_blind_nothing_exported_tells_the_controller(study, tmp_path):
-    folder = shutil.copytree(study, tmp_path / "copy")
-    rows = [replace(r, controller=f"K{r.controller}") for r in rows_of(folder / SESSION)]
-    with Database(folder / SESSION) as database:
-        for number, row in enumerate(rows, start=1):
-            put_row(database, row, number)
-    outs = {"bids": tmp_path / "bids", "csv": tmp_path / "csv"}
-    assert export(folder, outs)["blind"] == ["sub-01/ses-01"]
-    for out in outs.values():
-        text = {name: content for name, content in files(out).items() if name.startswith("sub-01")}
-        assert not [name for name, content in text.items() if b"sdof" in content or b"current_" in content]
-        assert not [name for name, content in text.items() if b'"seed"' in content or b"torque" in content]
-    assert [r.controller for r in read_rows(outs["csv"] / "trials.csv")[:3]] == [r.controller for r in rows]
-    assert {type(r.value("unreachable_share")) for r in read_rows(outs["csv"] / "trials.csv")[:3]} == {type(None)}
-    assert not errors(outs["bids"])
-
-
 @pytest.mark.parametrize("existing", [False, True])
 def test_an_export_that_fails_leaves_nothing(study, tmp_path, monkeypatch, existing):
     monkeypatch.setattr(CsvTables, "finish", full)
@@ -289,10 +272,7 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
         path.write_bytes(b"")
     before = files(tmp_path)
     wrong = {
-        "nothing to write": ["export", str(study)],
         "--compress: is for --csv": ["export", str(study), "--bids", "out", "--compress"],
-        "holds no session": ["export", str(full), "--csv", "out"],
-        "nowhere: there is no such folder": ["export", "nowhere", "--csv", "out"],
         "is not empty": ["export", str(study), "--bids", str(full)],
         "neither inside the other": ["export", str(study), "--bids", "out", "--csv", "out/csv"],
         "two folders": ["export", str(study), "--bids", "out", "--csv", "./out"],

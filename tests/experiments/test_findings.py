@@ -25,7 +25,7 @@ from experiments.analysis.findings import (
     findings,
     pooled_boxes,
 )
-from experiments.analysis.report import side_by_side, write_report
+from experiments.analysis.report import write_report
 from experiments.analysis.statistics import mean_interval, spreads
 from experiments.analysis.trials_table import TrialRow, as_table
 from tests.support.rows import with_measures
@@ -399,16 +399,3 @@ def test_boxes_pool_the_trials_of_everyone_that_reached_the_end(status):
     late = [replace(r, status=status) if r.controller == 3 and r.repetition == 1 else r for r in rows]
     found = {one.statement.number: one for one in box_findings_of(as_table(late))}
     assert found[5].verdict == CANNOT_TELL and "too few of its trials reached the end" in found[5].sentence
-
-
-def test_several_studies_stand_side_by_side_with_the_reasons():
-    rows = study()
-    worse = changed(rows, "path_error_m", 1.3, 3)
-    table = side_by_side({"settled": as_table(rows), "literal": as_table(worse)})
-    lines = table.splitlines()
-    assert lines[0] == "| | the paper says | settled | literal | settled, by boxes | literal, by boxes |"
-    assert f"| 6 | {STATEMENTS[5].text} | holds | does not hold | holds | does not hold |" in lines
-    assert len([line for line in lines if line.startswith("| ") and line[2].isdigit()]) == 11
-    assert "- 6, does not hold: 2 of 2 fail. Path error, SDOF with gap against SDOF, " in table
-    assert "**literal**" in table and "**settled**" not in table
-    assert "Three participants" in side_by_side({"few": as_table(study(people=3))})

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from protocols import short
 
 import phd
-from app.frames import Frame
 from experiments.analysis.statistics import statistics
 from experiments.analysis.trials_table import read_table
 from experiments.protocol import load_protocol, protocol_to_json
@@ -174,12 +173,6 @@ def test_a_protocol_from_values_is_the_one_of_its_toml_and_runs(tmp_path: Path):
     pd.testing.assert_frame_equal(phd.run_study(made, 1, seed=2), phd.run_study(file, 1, seed=2))
     with pytest.raises(phd.InputError, match="protocol mine: path 1"):
         phd.protocol("mine", ["three-brake"], [[(0.0, 0.4)]], guides)
-
-
-def test_a_frame_shows_all_of_its_columns():
-    frame = Frame(np.zeros((2, 60)), columns=[f"column_{n}" for n in range(60)])
-    for shown in (repr(frame), repr(frame.head()), frame._repr_html_()):
-        assert "..." not in shown and all(f"column_{n}" in shown for n in range(60))
 
 
 def test_the_door_has_few_names_and_each_and_its_members_are_explained():

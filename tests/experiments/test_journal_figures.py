@@ -10,7 +10,7 @@ from test_boxplots import LABELS, NOTE, study, view_of
 from core.device import load_device
 from experiments.analysis.chart_figures import draw
 from experiments.analysis.metrics import DRAWN
-from experiments.analysis.sheet import COLUMN_IN, PAGE_IN, STYLE, figure_bytes, sheet
+from experiments.analysis.sheet import COLUMN_IN, PAGE_IN, STYLE, figure_bytes
 from experiments.analysis.trials_table import as_table
 from experiments.paper_figures import pictures
 
@@ -28,16 +28,6 @@ def test_the_papers_figures_have_a_width_and_text_that_a_journal_takes(picture):
         figure = picture.draw()
     assert figure.get_figwidth() in (COLUMN_IN, PAGE_IN)
     assert {text.get_fontsize() for text in texts_of(figure)} <= {7.0, 7.5, 8.0, 9.0}
-
-
-def test_the_axes_of_a_sheet_stand_as_far_from_its_edges_and_apart_as_is_asked():
-    figure, axes = sheet("words", (7.0, 5.0), (0.6, 0.2, 0.5, 0.3), (2, 2), between_in=(0.7, 0.4), inside=True)
-    width, height = figure.get_size_inches()
-    (upper, right), (lower, _) = [[one.get_position() for one in row] for row in axes]
-    gaps = upper.x0, 1.0 - right.x1, right.x0 - upper.x1
-    assert [width * gap for gap in gaps] == pytest.approx([0.6, 0.2, 0.7])
-    assert [height * gap for gap in (1.0 - upper.y1, upper.y0 - lower.y1)] == pytest.approx([0.3, 0.4])
-    assert height * (upper.y1 - lower.y0) == pytest.approx(5.0), "its height is that of the axes with their gap"
 
 
 @pytest.mark.usefixtures("fine_prints")

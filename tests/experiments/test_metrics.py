@@ -31,7 +31,6 @@ from experiments.analysis.movement import (
     weighted_amplitudes,
     without_ramp,
 )
-from experiments.analysis.sensitivity import DEFINITIONS
 from experiments.analysis.statistics import MEASURES
 from experiments.recording import Recording, Sensors, recording_of
 from experiments.store.recording import read_recording
@@ -366,21 +365,6 @@ def test_a_long_trial_has_the_same_digits_whatever_the_threads_of_the_machine():
         for threads in ("1", "2", "4")
     }  # fmt: skip
     assert len(found) == 1 and found != {""}
-
-
-def test_what_each_figure_shows_is_the_definition_of_one_thing():
-    assert [metric.stands_for for metric in metrics.DRAWN] == ["accuracy", "force", "smoothness"]
-    assert [metric.name for metric in metrics.DRAWN] == [names[0] for names in DEFINITIONS.values()]
-    assert set(metrics.DRAWN) < set(metrics.FIGURES)
-    assert all(metric.compared for metric in metrics.FIGURES)
-
-
-def test_way_beyond_the_ends_has_no_weight():
-    ticks = np.arange(5200) - MOVE_FROM
-    x = np.interp(ticks, [0, 500, 3000, 3999], [-0.12, -0.1, 0.1, 0.15])
-    y = np.select([ticks < 500, ticks <= 3000], [0.5, 0.401], 0.5)
-    result = measured(hand_made(x=x, y=y))
-    assert result.path_error_m == pytest.approx(0.001, rel=3e-2) and result.peak_error_m == pytest.approx(0.1)
 
 
 def test_a_timeout_keeps_what_was_measured_over_the_progress_made():

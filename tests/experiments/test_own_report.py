@@ -37,7 +37,7 @@ def test_a_report_of_ones_own_experiment_compares_its_controllers_by_name(tmp_pa
     note = protocol.note()
     write_report(StudyData(trials, protocol.controllers, "guides", note, note, True), tmp_path)
     text = (tmp_path / "report.md").read_text()
-    assert "the paper says" not in text and "Table I" not in text
+    assert "the paper says" not in text and "Table I" not in text and not (tmp_path / "findings.csv").exists()
     assert "| path error (mm) | three-brake | Soft guide - Free | " in text and "## Against no control" in text
     wanted = "mean_tip_force_N", "hodges_lehmann", "three-brake"
     (found,) = [r for r in statistics(trials) if (r.measure, r.statistic, r.configuration) == wanted]

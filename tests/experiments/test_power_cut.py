@@ -1,4 +1,4 @@
-"""A power cut at any moment, and a disk that refuses: nothing that was acknowledged is lost, nothing counts twice."""
+"""A power cut or kill -9 at any moment, and a refusing disk: what was acknowledged is there, nothing counts twice."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded_disk import ACK, NAMES, SOME, SYNCED, RecordedDisk
+from recorded_disk import ACK, KILLED, NAMES, SOME, SYNCED, RecordedDisk
 from sessions import of, recording_path
 
 from experiments.recording import Recording
@@ -156,6 +156,7 @@ def cuts(disk: RecordedDisk, count: int, seed: int) -> Counter:
     with tempfile.TemporaryDirectory() as name:
         moments = [(len(records), NAMES), *((moment, SYNCED) for moment in told(records))]
         moments += [(draw.randrange(len(records)), draw.choice((SYNCED, NAMES, SOME))) for _ in range(count)]
+        moments += [(draw.randrange(len(records)), KILLED) for _ in range(count)]
         whole: dict[int, Recording] = {}
         for number, (moment, how) in enumerate(moments):
             image = Path(name) / "image"
@@ -172,7 +173,7 @@ def cuts(disk: RecordedDisk, count: int, seed: int) -> Counter:
     return seen
 
 
-def test_a_power_cut_at_any_moment_costs_nothing_that_was_acknowledged(disk, monkeypatch):
+def test_a_power_cut_or_a_kill_at_any_moment_costs_nothing_that_was_acknowledged(disk, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", "")
     seen = cuts(disk, 5, seed=1)
     assert {name.partition(": ")[2] for name in seen} >= {"session", "study", "rescued"}, seen

@@ -46,16 +46,6 @@ def protocol_file(folder: Path, **changes) -> Path:
     return path
 
 
-def test_devices_and_brakes_may_stand_in_the_protocol_file(tmp_path):
-    protocol = load_protocol(protocol_file(tmp_path))
-    mine, three, other = protocol.devices
-    four = load_device("four-brake")
-    assert (mine.name, three.name, other.name) == ("mine", "three-brake", "other")
-    assert mine.brakes.k[0].tolist() == (0.5 * four.brakes.k[0]).tolist()
-    assert mine.brakes.k[1:].tolist() == other.brakes.k[1:].tolist() == four.brakes.k[1:].tolist()
-    assert other.mechanism.arm_1 == four.mechanism.arm_1
-
-
 def test_they_are_stored_in_full_and_come_back_without_the_file(tmp_path):
     path = protocol_file(tmp_path)
     stored = protocol_to_json(load_protocol(path))

@@ -136,20 +136,6 @@ def disk(monkeypatch) -> Disk:
     return Disk(monkeypatch)
 
 
-def test_a_disk_that_is_well_again_gets_its_ticks_within_a_second(disk, tmp_path, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(recording_module.time, "perf_counter", lambda: now[0])
-    with new_session_database(tmp_path) as database:
-        writer = begun(database)
-        disk.refuses = full
-        for chunk in np.array_split(ticks(2000), 100):
-            now[0] += 0.02
-            disk.refuses = full if now[0] < 100.9 else None
-            with contextlib.suppress(OSError):
-                writer.write(chunk)
-        assert writer.written.ticks > 1700
-
-
 def test_what_the_disk_refuses_is_counted_and_too_much_of_it_is_said(disk, tmp_path, monkeypatch):
     database = new_session_database(tmp_path)
     writer = begun(database)

@@ -168,6 +168,7 @@ def test_a_study_killed_while_drawing_draws_its_figures_on_resume(tmp_path, monk
 def test_what_is_asked_by_name_must_be_what_the_study_was_begun_with(interrupted, capsys):
     before = files(interrupted)
     for arguments, said in (
+        (["displays"], "begun with another protocol (paper)"),
         (["--seed", "6"], "--seed: the study was begun with 5"),
         (["--operators", "2"], "--operators: the study was begun with 3"),
         (["--rules", "literal"], "--rules: the study was begun with settled"),

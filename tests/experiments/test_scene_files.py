@@ -122,25 +122,6 @@ def test_a_scene_that_cannot_run_is_refused_with_file_key_and_reason(scene, more
     assert re.search(r"(scene\.toml|brakes\.csv|force\.csv)", str(refusal.value))
 
 
-BAD_LINES = {
-    "step of zero": ("1e-3", "0", "step_s must be greater than"),
-    "no duration": ("duration_s = 0.02", "", "required key duration_s is missing"),
-    "no device": ("device = .*", "", "required key device is missing"),
-    "unknown device": ("three-brake", "six-brake", "device: unknown device 'six-brake'"),
-    "tip out of reach": (r"\[0.05, 0.40\]", "[0.05, 4.0]", r"the tip of three-brake cannot be at \(0.05, 4\)"),
-    "tip within the margin": (r"\[0.05, 0.40\]", "[0.0, 0.605]", "initial_tip_m: the tip"),
-    "tip behind the bases": (r"\[0.05, 0.40\]", "[0.05, -0.4]", "initial_tip_m: the tip"),
-    "longer than a million seconds": ("0.02", "1e300", "duration_s must be at most"),
-    "no TOML": ("= 0.02", "=", "is not valid TOML"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("pattern, replacement, says", BAD_LINES.values(), ids=BAD_LINES)
-def test_a_scene_with_one_wrong_line_is_refused(scene, pattern, replacement, says):
-    with pytest.raises(InputError, match=says):
-        scene("", (pattern, replacement))
-
-
 def test_a_file_that_is_not_text_is_refused(tmp_path: Path):
     (tmp_path / "scene.toml").write_bytes(b"\xff\xfe\x00name")
     with pytest.raises(InputError, match="UTF-8"):

@@ -99,15 +99,6 @@ def test_the_file_holds_every_row_whatever_the_chunks(scene, tmp_path: Path, ram
     assert len(lines) == 11 + 2 and lines[-1] == "" and b"\r" not in written[0]
 
 
-@pytest.mark.parametrize("error", [RuntimeError("broken"), KeyboardInterrupt(), OSError(28, "No space left on device")])
-def test_a_run_that_fails_leaves_no_file(scene, tmp_path: Path, monkeypatch, error):
-    monkeypatch.setattr(simulate_module, "CHUNK_ROWS", 4)
-    monkeypatch.setattr(simulate_module, "SceneRun", lambda scene: Ramp(scene, 8, error))
-    with pytest.raises(type(error)):
-        simulate(scene(), tmp_path / "out.csv")
-    assert not (tmp_path / "out.csv").exists()
-
-
 def test_motion_that_is_not_finite_is_never_written(scene, tmp_path: Path, monkeypatch):
     class Diverging(Ramp):
         def run_chunk(self, rows):

@@ -144,28 +144,15 @@ def test_the_first_trial_begins_where_the_last_path_ends_as_after_a_trial(file):
 WRONG = {
     "the same seed twice": ("seed = [1, 1]\n" + SMALL, "seed: the same value is given twice"),
     "unknown kind": (SMALL.replace('"none"', '"magic"'), "kind"),
-    "unknown key": ("speed = 3\n" + SMALL, "speed"),
     "gap without control": (SMALL.replace('kind = "none"', 'kind = "none"\ngap_m = [0.1]'), "gap_m is not for 'none'"),
     "gain missing": (SMALL.replace("gain_N_s_m = [400.0]", ""), "gain_N_s_m is required"),
     "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller is given twice"),
-    "unknown device": (SMALL.replace('"three-brake"', '"six-brake"'), "six-brake"),
-    "unknown population": ('populations = ["kings"]\n' + SMALL, "kings"),
-    "more assumptions than fit": (
-        SMALL
-        + "[assumptions]\n"
-        + "".join(
-            f"{key} = {[1.0 + 0.001 * n for n in range(1000)]}\n"
-            for key in ("lag_factor", "drag_factor", "backlash_deg")
-        ),
-        "people in cells are more than the 1000000",
-    ),
     "more combinations than fit": (
         SMALL.replace("[0.0, 0.005]", str([0.001 + 1e-6 * n for n in range(1001)])).replace(
             'kind = "sdof"', 'kind = "proportional"\ngain_N_s_m = ' + str([1.0 + n for n in range(1001)])
         ),
         "more than the 1000000 combinations",
     ),
-    "negative gap": (SMALL.replace("[0.0, 0.005]", "[-1.0]"), "gap_m"),
 }
 
 

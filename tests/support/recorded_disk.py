@@ -15,8 +15,9 @@ SUPPORT = Path(__file__).resolve().parent
 ROOT = SUPPORT.parents[1]
 OPEN, WRITE, TRUNCATE, SYNC, RENAME, LINK, UNLINK, MKDIR = range(8)
 ACK = "ack"  # the file in which a program says what it has been told is written
-#: What a cut leaves: what was synced alone; besides, every new name; or any of the writes that were not synced.
-SYNCED, NAMES, SOME = "synced", "names", "some"
+#: What a cut leaves: what was synced alone; besides, every new name; or any of the writes that were not synced; or all
+#: writes, as kill -9 leaves them.
+SYNCED, NAMES, SOME, KILLED = "synced", "names", "some", "killed"
 
 
 @dataclass
@@ -120,6 +121,6 @@ class RecordedDisk:
             if node.is_folder:
                 place.mkdir(mode=0o700, exist_ok=True)
             elif os.path.basename(name) != ACK:
-                place.write_bytes(node.after_cut(draw))
+                place.write_bytes(node.now if how == KILLED else node.after_cut(draw))
         acks = live.get(str(self.root / ACK))
         return acks.now.decode().splitlines() if acks else []
