@@ -13,9 +13,12 @@ from typing import Any
 
 import phd
 from app.cli import make_parser
+from core.brake import torque_gain
+from core.device import load_device
 from core.files import shipped_names
 from experiments.analysis.metrics import METRICS
 from experiments.analysis.trials_table import STATUSES
+from experiments.numbers import fixed
 
 DOCS = Path(__file__).resolve().parent
 SHIPPED = (
@@ -68,6 +71,30 @@ def shipped() -> str:
     return table(("kind", "shipped names"), rows)
 
 
+def assumed() -> str:
+    """What we assume of the paper's devices and of their brake."""
+    columns = [column_of(name) for name in ("three-brake", "four-brake")]
+    return table(("", "three brakes", "four brakes"), list(zip(columns[0], *(col.values() for col in columns), strict=True)))
+
+
+def column_of(name: str) -> dict[str, str]:
+    """The numbers of a device, as people read them, by what they are."""
+    device = load_device(name)
+    at, mass, brake = device.file.geometry, device.file.mass, device.brake_files["A"]
+    gains = [fixed(torque_gain(device.brakes, 0, current), 2) for current in (0.0, 0.2, 0.6, brake.current_max_A)]
+    return {
+        "distance of the bases": f"{1e3 * (at.base_B_m[0] - at.base_A_m[0]):.0f} mm",
+        "links at the bases, at the tip": f"{1e3 * at.L_AE_m:.0f}, {1e3 * at.L_ED_m:.0f} mm",
+        "mass of each link; of handle and force sensor": f"{mass.AE.mass_kg:g}; {mass.tip_kg:g} kg",
+        "brakes on the elbows E; C": f"{mass.joint_E_kg:g}; {mass.joint_C_kg:g} kg",
+        "inertia of a rotor": f"{1e4 * mass.rotor_inertia_kg_m2:g} kg cm²",
+        "torque K of a brake at 0 (its drag), 0.2, 0.6, 1 A": f"{', '.join(gains)} N m",
+        "time constant of a brake, rising; falling": f"{1e3 * brake.rise.a_avg_s:g}; {1e3 * brake.fall.a_avg_s:g} ms",
+        "backlash of a brake": f"{brake.backlash_deg:g}°",
+        "encoder counts a turn, at A and B": f"{device.file.sensing.encoders.A:,}",
+    }
+
+
 INNER = "\n    "  # of a call that is longer than a line
 
 
@@ -110,6 +137,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "statuses": statuses,
     "measures": measures,
     "verbs": verbs,
+    "assumed": assumed,
     "shipped": shipped,
     "python": python,
 }
