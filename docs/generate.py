@@ -73,8 +73,8 @@ def shipped() -> str:
 
 def assumed() -> str:
     """What we assume of the paper's devices and of their brake."""
-    columns = [column_of(name) for name in ("three-brake", "four-brake")]
-    return table(("", "three brakes", "four brakes"), list(zip(columns[0], *(col.values() for col in columns), strict=True)))
+    three, four = column_of("three-brake"), column_of("four-brake")
+    return table(("", "three brakes", "four brakes"), [(what, three[what], four[what]) for what in three])
 
 
 def column_of(name: str) -> dict[str, str]:
