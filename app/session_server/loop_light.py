@@ -1,6 +1,6 @@
 """The light of the loop: whether ticks come in time now, by the newest ones.
 
-Our choice, also in docs/accuracy-and-timing.md: one tick that was missed in the last two seconds is amber. Of a board
+Our choice: one tick that was missed in the last two seconds is amber. Of a board
 20 are red: no trial starts until ten seconds have passed without one.
 """
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from app.ipc import messages as m
 
-#: Our choice, also in docs/accuracy-and-timing.md: a frame so late makes the light amber, for so long
+#: Our choice: a frame so late makes the light amber, for so long
 BEHIND_S, WINDOW_S = 0.5, 2.0
 
 
