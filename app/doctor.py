@@ -212,7 +212,7 @@ def board_check(board: BoardFound) -> Check:
             "Check that this is the board's port, that the board has power, and that no other program uses the port."
         )
         return check("board", f"{board.port}: {board.problem}", advice, bad=True)
-    advice = "Allow the brakes again in the window (Ctrl+B) when it is safe." if board.fault else ""
+    advice = "Turn the brakes on in the window (Ctrl+B) when it is safe." if board.fault else ""
     return check("board", f"{board.port}: {describe_board(board)}", advice)
 
 

@@ -6,7 +6,7 @@ happened.
 
 from typing import NamedTuple, Self
 
-ALLOW = "then allow the brakes"
+ON = "then turn the brakes on"
 FOUND = "it is found again by itself"
 TO_THE_JIG = "Look at the encoders' couplings, put the handle into its jig and home them."
 
@@ -22,32 +22,32 @@ FAULTS = {
     # latched on the board
     "watchdog": FaultWords(
         "the board got no command for 50 ms",
-        f"Look at the board's cable; if it is well, close other programs, {ALLOW}.",
+        f"Look at the board's cable; if it is well, close other programs, {ON}.",
     ),
     "over-current": FaultWords(
         "a brake drew more current than its limit",
-        f"Switch off the brakes' supply, look at that amplifier and its wires, {ALLOW}.",
+        f"Switch off the brakes' supply, look at that amplifier and its wires, {ON}.",
     ),
     "over-speed": FaultWords(
-        "a joint turned faster than its limit", f"Let go of the handle, look at the encoders' couplings, {ALLOW}."
+        "a joint turned faster than its limit", f"Let go of the handle, look at the encoders' couplings, {ON}."
     ),
-    "bad-encoder": FaultWords("an encoder's signal is bad", f"Look at the encoder's head and plug, {ALLOW}."),
+    "bad-encoder": FaultWords("an encoder's signal is bad", f"Look at the encoder's head and plug, {ON}."),
     "force-saturated": FaultWords(
         "the force sensor is at the end of its range",
-        f"The force exceeds the limit: push less. If nobody pushed, look at the sensor's cable, {ALLOW}.",
+        f"The force exceeds the limit: push less. If nobody pushed, look at the sensor's cable, {ON}.",
     ),
     "brown-out": FaultWords(
         "the supply voltage was too low and the board started anew",
-        f"Look at the board's supply, {ALLOW} and home the encoders.",
+        f"Look at the board's supply, {ON} and home the encoders.",
     ),
     "started-again": FaultWords(
         "the board was powered up again, though its number of starts is still {starts}",
-        f"Home the encoders and take the zero of the force anew, {ALLOW}; its firmware must count every power-up.",
+        f"Home the encoders and take the zero of the force anew, {ON}; its firmware must count every power-up.",
     ),
-    "host-request": FaultWords("stopped by the host or the emergency stop", "Allow the brakes again when it is safe."),
+    "host-request": FaultWords("stopped by the host or the emergency stop", "Turn the brakes on again when it is safe."),
     "emergency-stop": FaultWords(
         "the emergency stop has cut the supply of the brakes",
-        "Release it, press the start button of the supply, then allow the brakes again.",
+        "Release it, press the start button of the supply, then turn the brakes on again.",
     ),
     "unknown": FaultWords(
         "the board reports unknown fault {number}", "Look at the board: it knows faults that this program does not."

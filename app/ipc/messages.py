@@ -327,6 +327,11 @@ class Snapshot(NamedTuple):
         return next((check for check in self.checks if check.name == "Device"), Check("Device", GOOD, ""))
 
     @property
+    def can_turn_off(self) -> bool:
+        """Whether there are brakes to be turned off: they are on, and a session or Try is open."""
+        return not self.brakes_off and (self.sandbox is not None or self.stage not in (PREPARING, NO_SESSION))
+
+    @property
     def can_allow(self) -> bool:
         """Whether the brakes are off and can be allowed again: where no device is reached, it comes first."""
         return bool(self.brakes_off) and (self._device.state not in (BAD, WAITING) or self._device.text == BRAKES_OFF)

@@ -173,7 +173,7 @@ def _note(state: ServerState, command: m.Note) -> None:
 
 def _allow(state: ServerState, _: m.AllowBrakes) -> None:
     if state.runner.run is not None:
-        raise InputError("The trial is still ending. Allow the brakes again after it.")
+        raise InputError("The trial is still ending. Turn the brakes on after it.")
     if state.why_off:
         state.device.allow(state.presses)
         state.journal_brakes()

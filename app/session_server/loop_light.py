@@ -57,7 +57,7 @@ class LoopLight:
         """What was found, and what to do about it."""
         if not missed and not blocks:
             return "1 kHz", ""
-        text = f"{counted(missed, 'tick')} missed in the last {WINDOW_S:g} s" if missed else "cannot keep up"
+        text = f"late: {counted(missed, 'tick')} missed in the last {WINDOW_S:g} s" if missed else "cannot keep up"
         again = f"A trial can start after {CALM_S:g} s without a missed tick." if blocks else ""
         privilege = "" if scheduling.real_time else ADVICE
         return text, " ".join(filter(None, ("Ticks come late: close other programs.", again, privilege)))

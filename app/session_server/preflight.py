@@ -217,7 +217,8 @@ def with_advice(name: str, reason: str) -> str:
     """A notice about a trial (or, without a name, the device): the reason and what to do; "" without a reason."""
     if not reason:
         return ""
-    notice = f"{name}: {reason}" if name else f"{reason[0].upper()}{reason[1:]}"
+    why = reason.removeprefix(f"{BRAKES_OFF}: ")  # the window says that they are
+    notice = f"{name}: {why}" if name else f"{why[0].upper()}{why[1:]}"
     return f"{notice}. {advice(reason)}".strip()
 
 

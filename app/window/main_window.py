@@ -183,7 +183,7 @@ class MainWindow(QWidget):
             tab.clicked.connect(lambda _=False, name=name: self.show_page(name))
         self.preflight.brakes.clicked.connect(self._press_brakes)
         own: dict[str, Callable[[], object]] = {
-            "allow brakes": self.allow_brakes,
+            "brakes on": self.allow_brakes,
             "participant": self.participant_asked.emit,
             "keys": self.show_keys,
             "help": self.help.showMenu,
@@ -335,7 +335,7 @@ class MainWindow(QWidget):
 
     def _press_brakes(self) -> None:
         """Zero current goes straight to the control loop, even when the session server is gone."""
-        self.allow_brakes() if self.snapshot.brakes_off else self.client.brakes_off("the brakes-off button was pressed")
+        self.allow_brakes() if self.snapshot.brakes_off else self.client.brakes_off("the button was pressed")
 
     def allow_brakes(self) -> None:
         if self.snapshot.can_allow:
@@ -358,24 +358,18 @@ class MainWindow(QWidget):
             close = typing.clearFocus
         return close
 
-    def _escape_is_brakes_off(self) -> bool:
-        """While a trial runs always; else where a session is open and nothing is to be closed first."""
-        off = self.snapshot.brakes_off or self.snapshot.stage in (m.PREPARING, m.NO_SESSION)
-        return not off and (self.snapshot.stage == m.RUNNING or self._to_close() is None)
-
     def press_escape(self) -> None:
-        """Esc, in whichever window, dialog, menu or field: brakes off, and close what is open."""
+        """Esc, in whichever window, dialog, menu or field: turn the brakes off, and close what is open."""
         where = "on the participant's screen" if self.participant.isActiveWindow() else "in the main window"
         close = self._to_close()
-        if self._escape_is_brakes_off():
+        if self.snapshot.can_turn_off:
             self.client.brakes_off(f"Esc was pressed {where}")
         if close is not None:
             close()
 
     def show_time(self, now_s: float) -> None:
-        """60 times a second: what only the clock changes, and what Esc does now."""
+        """60 times a second: what only the clock changes."""
         self.pages[self.shown].show_time(now_s)
-        self.preflight.brakes.show_key(self._escape_is_brakes_off())
 
     # ------------------------------------------------------------------------------------------- what the server sends
 

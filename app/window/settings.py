@@ -67,7 +67,7 @@ class SettingsCard(OverlayCard):
         chosen = memory.remembered(memory.SCREEN)
         choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
         self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
-        self.theme.show_value("light" if palette.chosen is palette.LIGHT else "dark")  # --theme is remembered nowhere
+        self.theme.show_value("dark" if theme.is_dark() else "light")  # --theme is remembered nowhere
         self.scale.show_value(memory.remembered(memory.SIZE))
         self.sound.show_value(memory.remembered(memory.SOUND))
         kept_in = OneLine(from_home(data_folder), "", theme.NORMAL)

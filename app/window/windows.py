@@ -72,7 +72,7 @@ class Windows(QObject):
         main = self.main
         direct = {
             "start": self._start,
-            "allow brakes": main.allow_brakes,
+            "brakes on": main.allow_brakes,
             "pause": lambda: main.do("pause"),
             "participant": self.show_or_hide_participant,
         }

@@ -28,6 +28,7 @@ from core.path import Path as PathAhead
 from core.path import build_path, path_from
 from experiments.analysis.metrics import BY_NAME, METRICS, Metric, trial_metrics
 from experiments.analysis.own_measures import runnable_metrics
+from experiments.analysis.punctuality import Punctuality
 from experiments.atomic_files import reason_of, replace_file, write_new_file
 from experiments.protocol import label
 
@@ -429,9 +430,9 @@ def trial_flags(row: TrialRow, ticks: np.ndarray | None) -> list[str]:
     if ticks is None or not len(ticks):
         return flags
     move = ticks[ticks[:, tick_log.PHASE] == tick_log.MOVE]
-    late = int(np.count_nonzero(ticks[:, tick_log.LATENESS_US] >= tick_log.MISSED_US))
-    if late:
-        flags.append(f"{late} tick{'s' if late > 1 else ''} missed")
+    late = Punctuality().plus(ticks)
+    if not late.usable:
+        flags.append(late.words)
     most = move[:, tick_log.ARM_FORCE_MAX]
     force = np.hypot(move[:, tick_log.HAND_FX], move[:, tick_log.HAND_FY])
     left = int(np.count_nonzero((most[:-1] > 0.0) & (most[1:] == 0.0)))

@@ -48,7 +48,7 @@ def test_of_two_thousand_ticks_one_missed_is_amber_and_twenty_of_a_board_are_red
         light.take(ticks(2000, missed))
         check = light.check(DEFAULT)
         assert check.state == state
-        assert check.text == (f"{missed} tick{'s' * (missed > 1)} missed in the last 2 s" if missed else "1 kHz")
+        assert check.text == (f"late: {missed} tick{'s' * (missed > 1)} missed in the last 2 s" if missed else "1 kHz")
         assert ("close other programs" in check.advice) is bool(missed)
         assert ready(1, checks=(check,)).trial_blocker.startswith("Loop: ") is (state == m.BAD)
 

@@ -12,13 +12,14 @@ from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QFileDialog, QWidget
 from screens import Screens, settle, visible_texts
+from tried import tried
 from waiting import wait_until
 
 from app.ipc import messages as m
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, HOME, RUN, TRY
-from app.window.widgets.preflight import ALLOW, ARE_OFF, OFF, OFF_BY_KEY, Preflight
+from app.window.widgets.preflight import ARE_OFF, TURN_OFF, TURN_ON, Preflight
 from core import tick_log
 
 KEY, ALT, CTRL = Qt.Key, Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.ControlModifier
@@ -73,7 +74,7 @@ def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens
         settle(main)
         assert says in " ".join(visible_texts(main))
     screens.press(KEY.Key_Escape)
-    assert main.cards.question is None and screens.client.off_causes == []
+    assert main.cards.question is None
 
 
 def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(screens, monkeypatch, tmp_path) -> None:
@@ -89,36 +90,23 @@ def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(scree
     assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
-def test_between_trials_escape_first_closes_what_is_open_and_the_red_button_names_it_when_it_acts(screens) -> None:
-    def red(*messages: object) -> str:
-        return screens.hear(*messages).preflight.brakes.text()
-
-    assert red(opened(), running()) == OFF_BY_KEY
-    wide = screens.main.preflight.brakes.width()
-    screens.press(KEY.Key_A, modifier=ALT)
-    assert red() == OFF_BY_KEY
-    screens.press(KEY.Key_Escape, screens.run.cards.question.own)
-    assert len(screens.client.off_causes) == 1 and screens.run.cards.question is None
-    screens.client.off_causes.clear()
-    assert red() == red(ready(3)) == OFF_BY_KEY
-    screens.press(KEY.Key_N, modifier=ALT)
-    assert red() == OFF
-    screens.press(KEY.Key_Escape, screens.run.panel.note)
-    assert screens.client.off_causes == [] and not screens.run.panel.note.hasFocus() and red() == OFF_BY_KEY
-    screens.main.show_keys()
-    assert red() == OFF
-    screens.main.show_page(TRY)
-    card = screens.main.cards.question
-    assert card.parentWidget().childAt(card.geometry().center()) in (card, *card.findChildren(QWidget)), "it is covered"
-    screens.main.show_page(RUN)
-    screens.press(KEY.Key_Escape)
-    assert red() == OFF_BY_KEY
-    screens.press(KEY.Key_Escape)
-    assert len(screens.client.off_causes) == 1
-    for said, text in ((ready(3, brakes_off="Esc"), ALLOW), (ready(3, stage=m.FAILED), ARE_OFF), (before(), OFF)):
-        assert red(said) == text
-        settle(screens.main)
-        assert screens.main.preflight.brakes.width() == wide, "nothing beside it moves"
+def test_the_brakes_button_always_names_its_key_and_escape_always_does_what_it_says(screens: Screens) -> None:
+    button = screens.main.preflight.brakes
+    for said, text, enabled, sends in (
+        (running(), TURN_OFF, True, 1), (ready(3), TURN_OFF, True, 1), (ready(3, stage=m.BREAK), TURN_OFF, True, 1),
+        (ready(3, brakes_off="Esc"), TURN_ON, True, 0), (ready(3, stage=m.FAILED), ARE_OFF, False, 1),
+        (before(), TURN_OFF, False, 0), (tried(), TURN_OFF, True, 1),
+    ):  # fmt: skip
+        screens.hear(opened(), said)
+        wide = button.width()
+        screens.main.show_keys()
+        card = screens.main.cards.question
+        assert card.parentWidget().childAt(card.geometry().center()) in (card, *card.findChildren(QWidget)), "covered"
+        screens.hear()
+        assert (button.text(), button.isEnabled(), button.width()) == (text, enabled, wide), said.stage
+        screens.client.off_causes.clear()
+        screens.press(KEY.Key_Escape)
+        assert len(screens.client.off_causes) == sends and screens.main.cards.question is None, said.stage
 
 
 def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:

@@ -83,15 +83,25 @@ STATES = {
         sends={"Space": [m.Start()]},
     ),
     "brakes off": Row(
-        (opened(), ready(brakes_off="Esc was pressed")), "Brakes off | Esc was pressed | Allow brakes",
+        (opened(), ready(brakes_off="Esc was pressed")),
+        "Brakes off | Esc was pressed. Ctrl+B turns the brakes on. | Turn brakes on  Ctrl+B",
         sends={"Space": [], "Ctrl+B": [m.AllowBrakes()]},
+    ),
+    "stopping": Row(
+        (opened(), runs(3, brakes_off="Esc was pressed")), "Stopping … | three-brake", "Trial 4 of 60", offers="",
+        sends={"Alt+A": [], "Alt+P": []},
+    ),
+    "stopped": Row(
+        (opened(), after("done", "stopped", coming=SECOND, brakes_off="Esc", notice="Trial 2 stopped: Esc.")),
+        "Brakes off · next: trial 2, second try | Trial 2 stopped: Esc. Ctrl+B turns", sends={"Alt+R": []},
     ),
     "lost and off": Row(
         (opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=LOST)),
         f"Not ready | Device: not connected. No sample for 200 ms. | {UNMEASURED}", sends={"Ctrl+B": []},
     ),
     "off by the board": Row(
-        (opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=(OFF_BY_BOARD, *WELL[1:]))), "Brakes off. Esc.",
+        (opened(**ON_BENCH), ready(9, brakes_off="Esc", checks=(OFF_BY_BOARD, *WELL[1:]))),
+        "Brakes off | Esc. Ctrl+B turns the brakes on.",
         UNMEASURED, sends={"Ctrl+B": [m.AllowBrakes()]},
     ),
     "in memory": Row(
@@ -104,7 +114,7 @@ STATES = {
         (opened(), runs(23)), "Trial 24 of 60 | path | Path error | Tip force", offers="Abort trial | "
         "Pause after this trial", sends={"Space": []},
     ),
-    "recorded": Row((opened(), pulse(), runs()), "● Recording  0:00", "Not recording"),
+    "recorded": Row((opened(), pulse(), runs()), "● Recording", "Not recording"),
     "over": Row((opened(), pulse(), runs(), pulse(""), ready(1)), "Not recording"),
     "second try": Row(
         (opened(), runs(2, running=SECOND, rows=(result(PLAN[0]), result(PLAN[1], "redone")))),
@@ -153,7 +163,7 @@ STATES = {
     ),
     "failed": Row(
         (opened(), ready(9, stage=m.FAILED, notice="The disk is full.", notice_bad=True)),
-        "Stopped | The disk is full. | Brakes are off | Participant reads: Please wait | Start again",
+        "Stopped | The disk is full. | Brakes off | Participant reads: Please wait | Start again",
         sends=NOTHING_SENT,
     ),
     "failed with data in memory": Row(
@@ -218,8 +228,6 @@ def test_every_status_has_its_colour_and_all_but_done_a_mark_and_a_line_for_the_
 #: what is said, the key that asks -> words of the question, the answer (a key, or one's own words), what is sent
 QUESTIONS = {
     "repeat": (ready(5), "Alt+R", "Repeat trial 5?", "Alt+2", m.Redo(5, REDO.reasons[1])),
-    "repeat one that was not": (after("done", "redone", coming=PLAN[1]), "Alt+R", "Repeat trial 1?", "Alt+1",
-                                m.Redo(1, REDO.reasons[0])),
     "skip": (ready(5), "Alt+S", "Skip trial 6?", "3 spare parts are missing, as p. 2 says",
              m.Skip("3 spare parts are missing, as p. 2 says")),
     "abort": (runs(), "Alt+A", "Abort this trial?", "Alt+1", m.Abort(ABORT.reasons[0], "now")),
@@ -311,6 +319,7 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
 def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_front_meanwhile(screens: Screens) -> None:
     rows = movement(PLAN[0].segment, "AEB", 1.5)
     rows[200, tick_log.LATENESS_US] = 2.0 * tick_log.MISSED_US
+    rows[0, (tick_log.PHASE, tick_log.LATENESS_US)] = tick_log.APPROACH, 1e6  # of no consequence
     screens.hear(opened(), runs(0))
     screens.main.show_page(HOME)
     screens.tick(rows[:500])
@@ -319,7 +328,8 @@ def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_fron
     screens.hear(ready(1))
     settle(screens.main)
     card = screens.run.card
-    assert "1 tick missed" in card.flags.text()
+    strip = screens.run.strip
+    assert card.flags.text() == strip.late.words == "1 tick missed of 1\u202f499, up to 2 ms late: usable"
     assert card.legend.isVisible() and all(part.isVisible() for part in card.measures), "it has room for all"
 
 
@@ -360,11 +370,15 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
     screens.participant.show()
     screens.hear(opened(), runs(over))
     rows, run = movement(1, "AEB", 1.0), screens.run
+    rows[:100, tick_log.PHASE] = tick_log.HOLD  # "go" is at 0.1 s
+    rows[:100, tick_log.CURRENT : tick_log.CURRENT + 4] = rows[:100, tick_log.TORQUE : tick_log.TORQUE + 4] = 0.0
+    rows[:100, tick_log.STUCK] = 0.0
     view, live, strip = run.workspace.view, run.live, run.strip
-    assert "no trial yet" in strip.energy.text()
+    strip.open.click()
     for begin in range(0, len(rows), 16):
         screens.client.rows, screens.client.taken = rows[begin : begin + 16], True
         screens.windows.frame()
+        assert strip.currents.figures.text() not in strip.figures.text(), "the curve has them"
         for joint, doing in view.doing.items():
             current = strip.currents.figures.text().split(joint + " ")[1].split()[0]
             assert (doing.state == OFF) == (current in ("0.00", "–"))
@@ -374,10 +388,11 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
     assert live.force.newest == pytest.approx(
         (float((last[tick_log.HAND_FX] ** 2 + last[tick_log.HAND_FY] ** 2) ** 0.5),)
     )
+    assert live.error.t[0] == strip.speed.t[0] == 0.0 and live.error.t[-1] == pytest.approx(0.899)
     assert view.tip == screens.participant.view.tip == tuple(last[tick_log.TIP_X : tick_log.TIP_Y + 1])
-    assert view.line.startswith("Participant reads: Go") and "no brake added energy" in strip.energy.text()
+    assert view.line.startswith("Participant reads: Go") and "no brake added energy" in strip.figures.text()
     screens.hear(ready(over + 1))
-    assert (live.force.figures.text(), strip.speed.figures.text(), len(live.force.t)) == ("– N", "– m/s", 1000)
+    assert (live.force.figures.text(), strip.speed.figures.text(), len(live.force.t)) == ("– N", "– m/s", 900)
     screens.hear(opened(""), before())
     assert not view.trail and not len(view.outline) and view.tip is None and not strip.ledger.began
     assert not any(len(trace.t) for trace in (live.error, live.force, strip.speed, strip.currents, strip.timing))

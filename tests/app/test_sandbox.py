@@ -272,7 +272,7 @@ def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(win
     window.client.send(m.AllowBrakes())
     allowed = window.until(lambda s: s.running)
     assert not allowed.sandbox.passes
-    assert "Allow the brakes" not in allowed.notice  # it has been done
+    assert "Turn the brakes on" not in allowed.notice  # it has been done
 
 
 def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) -> None:

@@ -15,6 +15,7 @@ from sessions import session_of
 from core import tick_log
 from core.files import InputError
 from experiments.analysis.metrics import METRICS
+from experiments.analysis.punctuality import Punctuality
 from experiments.analysis.trials_table import (
     COLUMNS,
     TrialRow,
@@ -130,6 +131,21 @@ def test_a_spoilt_table_is_refused_by_line_and_column(tmp_path, spoil, word):
     path.write_text(spoil(table_bytes(as_table([FULL])).decode()))
     with pytest.raises(InputError, match=word):
         read_rows(path)
+
+
+@pytest.mark.parametrize(
+    ("missed", "late_us", "usable"),
+    [(0, 0.0, True), (10, 20e3, True), (11, 2e3, False), (1, 20.1e3, False)],
+)
+def test_a_trial_is_usable_while_few_ticks_of_its_movement_are_missed_and_none_by_much(missed, late_us, usable) -> None:
+    ticks = movement(1, "AEB", 1.0)
+    ticks[:, tick_log.LATENESS_US] = 0.0
+    ticks[:missed, tick_log.LATENESS_US] = late_us
+    late = Punctuality().plus(ticks[:600]).plus(ticks[600:])
+    assert (late.ticks, late.missed, late.latest_us, late.usable) == (1000, missed, late_us, usable)
+    assert trial_flags(result(PLAN[0]), ticks) == ([] if usable else [late.words])
+    ticks[:, tick_log.PHASE] = tick_log.APPROACH
+    assert Punctuality().plus(ticks).usable and Punctuality().plus(ticks).words == ""
 
 
 def test_a_hand_that_let_the_handle_go_in_the_movement_is_flagged_with_how_often() -> None:

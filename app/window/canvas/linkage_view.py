@@ -17,7 +17,7 @@ from core.device import Device
 from core.path import Path, PathFile, build_path
 
 FIELD, DIRECTIONS, REACHABLE = "desired directions", "directions of the brakes", "forces of the brakes"
-NEAR_M = 0.1  # around the paths
+NEAR_M = 0.02  # around the paths
 NEEDLE_M, NEEDLE_PX = 0.02, 16.0  # between the needles of the field: at least so much of both
 TOP_PX, LINE_PX = 36.0, 26.0  # high: what is kept clear above, and the line there
 FOOT_PX, EDGE_PX = 30.0, 20.0  # high, the line below; clear at the sides

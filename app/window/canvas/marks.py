@@ -27,11 +27,17 @@ LETTER_WIDE_PX = 2.5  # more radius for each further letter in a ring
 
 
 def paint_arms(painter: QPainter, at: Mapping[str, QPointF], width: float, core_width: float) -> None:
-    """The arms between the joints (px; none where the arms do not reach). Flat, opaque lines one by one are fast."""
+    """The arms between the joints (px; none where the arms do not reach). Flat, opaque lines one by one are fast.
+
+    They seem to lie under what was painted before: each pixel keeps what stands out more from the canvas.
+    """
+    modes = QPainter.CompositionMode
+    painter.setCompositionMode(modes.CompositionMode_Lighten if theme.is_dark() else modes.CompositionMode_Darken)
     for thick, colour in ((width, COLOURS.arm), (core_width, COLOURS.arm_core)) if at else ():
         painter.setPen(pen(colour, thick))
         for joint, other in ARMS:
             painter.drawLine(at[joint], at[other])
+    painter.setCompositionMode(modes.CompositionMode_SourceOver)
 
 
 def ring_radius(label: str) -> float:

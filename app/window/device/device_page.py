@@ -192,7 +192,7 @@ class DevicePage(Page):
         needs = needs_of(step, self.opened, self.snapshot, self._status)
         if step == m.CONNECT:
             needs += " The zero must be taken again afterwards."
-        answers = [self._button_of(f"{STEPS[step].title}  Enter", step), ("Cancel  Esc", self.cards.leave)]
+        answers = [self._button_of(f"{STEPS[step].title}  Enter", step), ("Cancel", self.cards.leave)]
         self.cards.put(OverlayCard(STEPS[step].again.removesuffix(" …"), needs, answers, self))
 
     def _do(self, step: str, sure: bool = False) -> None:
@@ -214,5 +214,5 @@ class DevicePage(Page):
             f"{wrong} Is it the right jig, and does it hold the handle? If you home here, every position changes by as "
             "much."
         )
-        answers = [("Cancel  Esc", self.cards.leave), self._button_of("Home here all the same", m.HOME, True)]
+        answers = [("Cancel", self.cards.leave), self._button_of("Home here all the same", m.HOME, True)]
         self.cards.put(OverlayCard("Is this the right jig?", text, answers, self))

@@ -53,7 +53,7 @@ def next_step(
         return NextStep("Ready", go)
     text = found[due].text
     if due == BRAKES and snapshot.can_allow:
-        return NextStep("Next: allow the brakes", text, ALLOW, "Allow brakes")
+        return NextStep("Next: turn the brakes on", text, ALLOW, "Turn brakes on")
     if due not in STEP_OF or STEP_OF[due] not in possible(opened, snapshot, status):
         return NextStep(f"{due}: not ready yet", text)
     step = STEP_OF[due]

@@ -16,7 +16,7 @@ class Actions(NamedTuple):
     pause: bool = False  # or resume
     leave: bool = False
     note: bool = False
-    redo: TrialRow | None = None  # the trial on the card, else the last one that can be repeated
+    redo: TrialRow | None = None  # the trial on the card, else the last one
     exclude: TrialRow | None = None  # the trial on the card
     skip: PlannedTrial | None = None  # the next trial
     abort: PlannedTrial | None = None  # the running trial
@@ -33,15 +33,16 @@ def possible(snapshot: m.Snapshot, on_card: TrialRow | None, waiting: bool) -> A
         return Actions(note=note)
     ready = snapshot.stage == m.READY and snapshot.coming is not None
     writes = snapshot.stage in BETWEEN and not snapshot.not_written
-    trials = (on_card,) if on_card is not None else tuple(reversed(snapshot.rows))
+    runs = snapshot.stage == m.RUNNING and not snapshot.brakes_off  # else it is stopping
+    last = on_card or (snapshot.rows[-1] if snapshot.rows else None)
     return Actions(
         start=ready and writes and not snapshot.trial_blocker,
-        pause=ready or snapshot.stage == m.RUNNING,
+        pause=ready or runs,
         leave=snapshot.can_leave,
         note=note,
         # one that was repeated has been; one that was cut short comes again by itself
-        redo=next((row for row in trials if row.status in TRIED), None) if writes else None,
+        redo=last if writes and last is not None and last.status in TRIED else None,
         exclude=on_card if writes and on_card is not None and on_card.status in COUNTED else None,
         skip=snapshot.coming if ready and writes and not snapshot.practice else None,
-        abort=snapshot.running if snapshot.stage == m.RUNNING else None,
+        abort=snapshot.running if runs else None,
     )

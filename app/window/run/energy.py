@@ -49,11 +49,6 @@ class Ledger:
         return self.added > ROUNDING_J
 
     @property
-    def residual(self) -> float:
-        """What the ledger leaves unexplained, J: of an exact simulation, rounding."""
-        return self.hand - self.brakes - self.kinetic - self.stops
-
-    @property
     def short(self) -> Parts:
         """In a few words."""
         if not self.began:
@@ -64,11 +59,10 @@ class Ledger:
 
     @property
     def whole(self) -> Parts:
-        """What the hand gave is what the brakes took, what moves and what the stops took; and what is unexplained."""
+        """What the hand gave is what the brakes took, what moves and what the stops took."""
         if not self.began:
             return self.short
         stops = f" + stops {self.stops:z.2f}" if self.stops > SHOWN_J else ""
-        balance = f"hand {self.hand:z.2f} J = brakes {self.brakes:z.2f} + kinetic {self.kinetic:z.2f}{stops}"
-        residual = small_energy(self.residual) if abs(self.residual) > ROUNDING_J else "under 1 nJ"
+        balance = f"hand {self.hand:z.2f} J = brakes {self.brakes:z.2f} + kinetic {self.kinetic:z.2f}{stops},"
         verdict = self.short if self.is_violated else [("no brake added energy", COLOURS.good)]
-        return [(balance, COLOURS.text), (f"· residual {residual} ·", COLOURS.quiet), *verdict]
+        return [(balance, COLOURS.text), *verdict]

@@ -1,6 +1,7 @@
 """The Run page: the workspace, under it the strip, and at the right the running trial or the card of the last one, with
 what can be asked for."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -38,7 +39,7 @@ from app.window.widgets.parts import (
     wrapped_label,
 )
 from app.window.widgets.preflight import advice
-from app.window.widgets.words import cell, describe, feedback, hand_is_mouse
+from app.window.widgets.words import as_sentence, cell, describe, feedback, hand_is_mouse
 from app.window.widgets.work import BackgroundTask
 from core import tick_log
 from core.files import InputError
@@ -68,6 +69,7 @@ NO_SESSION = "No session is open"
 READS = "The participant reads the instructions; after the last page the first trial can be started."
 INSTRUCTED = words.Shown("Instructions", "Participant reads them. Space: next page")
 ENDED = "The trial ended while you were asked. What you wrote is here; or keep the trial: Esc."
+TURN_ON = "Ctrl+B turns the brakes on."
 UNMEASURED = "Place not measured: drawn at its jig, or where it was"
 
 
@@ -108,7 +110,7 @@ class RunPage(Page):
         self._judged: set[int] = set()  # runs whose card was answered
         self._shown: PlannedTrial | None = None  # the trial that the workspace is set up for
         self._ticks: list[np.ndarray] = []  # of the running trial, for its card
-        self._new = 0  # pieces of them that the panels have not had yet
+        self._new, self._go_s = 0, math.inf  # pieces of them that the panels have not had yet; time of "go"
         self._proof: m.Proof | None = None  # the newest: of the running recording
         self._numbers = RefreshClock()
         self._lay_out()
@@ -268,6 +270,8 @@ class RunPage(Page):
         if before is None or not same_places(before.protocol, opened.protocol):
             self.workspace.view.show_places(opened.protocol.devices, opened.protocol.paths)
             self.workspace.show()
+        trial = opened.protocol.trial
+        self.workspace.view.radii_m = (trial.start_radius_m, trial.end_radius_m)
         self.workspace.view.show_obstacles(opened.protocol.obstacle)
         self.questions.show_language(opened.protocol.sentences)
         self._refresh()
@@ -313,7 +317,7 @@ class RunPage(Page):
     def _clear_trial(self) -> None:
         """Nothing of the last trial stays."""
         self._ticks.clear()
-        self._new = 0
+        self._new, self._go_s = 0, math.inf
         for part in (self.live, self.strip):
             part.clear()
 
@@ -345,24 +349,21 @@ class RunPage(Page):
             self._write_between()
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        self.strip.show_timing(pulse.timing, runs=pulse.proof is not None)
         self._proof = pulse.proof
         self._show_recording()
 
     def _show_recording(self) -> None:
-        """What the newest proof says, which comes before its snapshot, and for how long the trial has run."""
+        """What the newest proof says, which comes before its snapshot."""
         snapshot, proof = self.snapshot, self._proof
         runs = snapshot.running is not None and snapshot.sandbox is None
         look, text = "sign", "Practice" if snapshot.practice and runs else "Not recording"
         if proof is not None and runs:
             late = "sign-late", f"▲ Last write {proof.age_s:.0f} s ago"
             look, text = late if proof.late else ("sign-on", "● Recording")
-        last = self._ticks[-1][-1] if self._ticks else np.zeros(tick_log.WIDTH)
-        trial_s = int(last[tick_log.T])
-        if runs and last[tick_log.PHASE] == tick_log.END:
+        if runs and self._ticks and self._ticks[-1][-1, tick_log.PHASE] == tick_log.END:
             look, text = "sign", "Writing"
         theme.set_style(self.recording, look)
-        self.recording.setText(f"{text}  {trial_s // 60}:{trial_s % 60:02d}" if runs else text)
+        self.recording.setText(text)
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
@@ -379,8 +380,12 @@ class RunPage(Page):
         if self._new:
             rows = np.concatenate(self._ticks[-self._new :])
             self._new = 0
-            for part in (self.live, self.strip):
-                part.add(rows)
+            self.strip.balance(rows)
+            moves = rows[rows[:, tick_log.PHASE] == tick_log.MOVE]
+            if len(moves):
+                self._go_s = min(self._go_s, float(moves[0, tick_log.T]))
+                for part in (self.live, self.strip):
+                    part.add(moves[:, tick_log.T] - self._go_s, moves)
             now = float(rows[-1, tick_log.T])
             if self._numbers.due(now) or self.snapshot.running is None:
                 # one tick for all numbers: the same force beside its arrow and its curve
@@ -417,7 +422,8 @@ class RunPage(Page):
             name = trial_name(trial, plan, snapshot.rows)
             number, comma, tries = name.partition(",")
             of = f" of {len(plan)}" if trial.block and plan else ""
-            self._write(f"{number.capitalize()}{of}{comma}{tries}", told(who, trial, opened, snapshot.blind))
+            large = "Stopping …" if snapshot.brakes_off else f"{number.capitalize()}{of}{comma}{tries}"
+            self._write(large, told(who, trial, opened, snapshot.blind))
             return
         large, coming = words.head_of(snapshot, bool(advice(snapshot))), snapshot.coming
         if self.participant_reads and large == "Ready":
@@ -439,6 +445,8 @@ class RunPage(Page):
         notice, bad = snapshot.notice, snapshot.notice_bad
         if snapshot.not_written and notice == f"{snapshot.not_written}.":  # the strip says it, as far as it has room
             notice = f"Lost if this program ends: {snapshot.in_memory}." if snapshot.in_memory else ""
+        if snapshot.can_allow and snapshot.running is None and not advice(snapshot):
+            notice = f"{notice or as_sentence(snapshot.brakes_off)} {TURN_ON}"
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
             silent = opened.protocol.tones and not snapshot.rows and player() is None  # once, before the first trial
             notice = snapshot.trial_blocker or (READS if self.participant_reads else NO_SOUND if silent else "")

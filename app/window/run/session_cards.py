@@ -17,7 +17,7 @@ ABORT = Ask(
     "abort", "Abort this trial?", "It runs until you answer. Its recording is kept and marked as aborted.", "Abort",
     ("the participant asked", "the participant was distracted", "a fault of the device"),
     (("now", "Repeat now"), ("end", "Repeat later"), ("never", "Do not repeat")),
-    leave="Keep recording",  # Esc takes the brakes off
+    leave="Keep recording",
 )  # fmt: skip
 REDO = Ask(
     "redo", "Repeat {}?", "It comes next. The recording is kept and marked as repeated.", "Repeat",
@@ -47,7 +47,7 @@ class SessionCards(Cards):
 
     def ask_to_leave(self, close: Callable[[], None], lost: str) -> None:
         """lost: what was not sent to the session server and goes with the session."""
-        buttons = [("Close session  Enter", close), ("Cancel  Esc", self.leave)]
+        buttons = [("Close session  Enter", close), ("Cancel", self.leave)]
         text = f"{LEAVE} Not saved, and lost then: {lost}." if lost else LEAVE
         self.put(OverlayCard("Close the session?", text, buttons, self._parent), "leave")
 

@@ -20,14 +20,14 @@ from app.window.widgets.parts import (
     row,
     stack,
 )
-from app.window.widgets.plots import NOTHING, TimingStrip, Trace, currents_of
+from app.window.widgets.plots import TimingStrip, Trace, currents_of
 from app.window.widgets.preflight import Banner, wrong
 from app.window.widgets.theme import COLOURS, text_width
 from app.window.widgets.words import LACKING, done_of, minutes
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
-from experiments.plan import counted
+from experiments.analysis.punctuality import Punctuality
 from experiments.store.cells import finished_cells
 
 BASE_PX, CURVES_PX, OPEN_PX = 66, 150, 30  # high: the lines, the curves, the button
@@ -42,12 +42,12 @@ class Strip(Panel):
         colours = [theme.JOINT[joint] for joint in JOINTS]
         self.currents = Trace("Currents", "A", colours, 1.0, 2)
         self.speed = Trace("Tip speed", "m/s", [COLOURS.text], 0.2, 2)
-        self.timing, self.energy = TimingStrip(), Figures()
+        self.timing, self.late = TimingStrip(), Punctuality()
         for plot in (self.currents, self.speed, self.timing):
             plot.setObjectName("clear")
             plot.item.showAxis("bottom")
         plots = row((self.currents, 1), (self.speed, 1), (self.timing, 1), spacing=theme.GAP)
-        self.curves = holder(column((plots, 1), self.energy, spacing=6))
+        self.curves = holder(plots)
         self.curves.setFixedHeight(CURVES_PX)
         self.curves.hide()
         self.figures, self.progress = Figures(theme.NORMAL), OneLine("", "", theme.NORMAL)
@@ -56,7 +56,6 @@ class Strip(Panel):
         self.open.setFixedHeight(OPEN_PX)
         self.open.toggled.connect(self._unfold)
         self._opened_by_itself = False  # in this trial
-        self._missed = NOTHING, COLOURS.text  # ticks, in their colour
         self._lines = stack(holder(row(self.progress)), holder(row(self.figures)))
         self._lines.setFixedHeight(OPEN_PX)
         line = holder(column(row((self._lines, 1), self.open), self.plan, spacing=2))
@@ -66,6 +65,7 @@ class Strip(Panel):
 
     def _unfold(self, unfolded: bool) -> None:
         self.curves.setVisible(unfolded)
+        self._show_lines()
         self.open.setText("Details  ▾" if unfolded else "Details  ▴")
 
     # what the session says
@@ -81,9 +81,9 @@ class Strip(Panel):
         self._base.setCurrentIndex(int(bool(said)))
         self._lines.setCurrentIndex(int(snapshot.running is not None))
         if snapshot.running is not None and any(c.name == "Loop" and c.state == m.BAD for c in snapshot.checks):
-            self._open_by_itself()
+            self._unfoldedby_itself()
 
-    def _open_by_itself(self) -> None:
+    def _unfoldedby_itself(self) -> None:
         """Something is wrong with the running trial that the curves show; once a trial, for it may be closed again."""
         if not self._opened_by_itself:
             self._opened_by_itself = True
@@ -92,13 +92,6 @@ class Strip(Panel):
     def set_blind(self, blind: bool) -> None:
         """Leave out what would tell the controllers apart."""
         self.currents.setHidden(blind)
-        self.energy.setHidden(blind)
-
-    def show_timing(self, timing: m.Timing | None, runs: bool) -> None:
-        """As `TimingStrip.show_timing`."""
-        self.timing.show_timing(timing, runs)
-        missed = timing.missed if timing is not None else 0
-        self._missed = f"{counted(missed, 'tick')} missed", COLOURS.caution if missed else COLOURS.text
 
     # what the ticks of a trial say
 
@@ -109,20 +102,23 @@ class Strip(Panel):
         self.clear()
 
     def clear(self) -> None:
-        self.ledger = Ledger()
+        self.ledger, self.late = Ledger(), Punctuality()
         for plot in (self.currents, self.speed, self.timing):
             plot.clear()
         self.refresh_text()
 
-    def add(self, rows: np.ndarray) -> None:
+    def balance(self, rows: np.ndarray) -> None:
         """Ticks (n, WIDTH), n > 0, of the running trial."""
-        t = rows[:, tick_log.T]
         self.ledger.add(rows)
+        self.late = self.late.plus(rows)
+        if self.ledger.is_violated:
+            self._unfoldedby_itself()
+
+    def add(self, t: np.ndarray, rows: np.ndarray) -> None:
+        """As `Live.add`."""
         self.speed.add(t, np.hypot(rows[:, tick_log.TIP_VX], rows[:, tick_log.TIP_VY])[None])
         self.currents.add(t, currents_of(rows, self.currents.names))
-        self.timing.add_ticks(rows)
-        if self.ledger.is_violated:
-            self._open_by_itself()
+        self.timing.add_ticks(t, rows[:, tick_log.LATENESS_US])
 
     def rest(self) -> None:
         """The trial is over."""
@@ -133,7 +129,6 @@ class Strip(Panel):
         """The values of the last tick that was added."""
         for trace in (self.currents, self.speed):
             trace.show_newest()
-        self.energy.show_parts(("Energy", COLOURS.quiet), *self.ledger.whole)
         self._show_lines()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -141,15 +136,19 @@ class Strip(Panel):
         self._show_lines()
 
     def _show_lines(self) -> None:
-        speed = self.speed.figures.parts[0]
-        lines = [
-            [("Loop", COLOURS.quiet), self._missed],
-            [("Speed", COLOURS.quiet), speed, ("m/s", COLOURS.quiet)],
-        ]
+        """In a line each what no curve shows; where none is shown, speed and currents too."""
+        unfolded = not self.curves.isHidden()
+        colour = COLOURS.text if self.late.usable else COLOURS.caution
+        lines: list[Parts] = [[("Loop", COLOURS.quiet), (self.late.words or "in time", colour)]]
+        if not unfolded:
+            speed = self.speed.figures.parts[0]
+            lines.append([("Speed", COLOURS.quiet), speed, ("m/s", COLOURS.quiet)])
         if not self.currents.isHidden():
-            unit = (self.currents.unit, COLOURS.quiet)
-            lines.append([("Currents", COLOURS.quiet), *self.currents.figures.parts, unit])
-            lines.append([("Energy", COLOURS.quiet), *self.ledger.short])
+            if not unfolded:
+                unit = (self.currents.unit, COLOURS.quiet)
+                lines.append([("Currents", COLOURS.quiet), *self.currents.figures.parts, unit])
+            energy = self.ledger.whole if unfolded else self.ledger.short
+            lines.append([("Energy", COLOURS.quiet), *energy])
         self.figures.show_parts(*self._fitting(lines))
 
     def _fitting(self, lines: list[Parts]) -> Parts:

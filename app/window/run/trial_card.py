@@ -18,6 +18,7 @@ from app.window.widgets.plots import Graph, line, range_for
 from app.window.widgets.theme import COLOURS, colour_of
 from app.window.widgets.words import in_colour, measured
 from experiments.analysis.metrics import DRAWN, Metric
+from experiments.analysis.punctuality import Punctuality
 from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
@@ -113,9 +114,12 @@ class TrialCard(QWidget):
         self.legend.setText(" &nbsp; ".join(f"{in_colour(dot, of)} {name}" for dot, of, name, there in shown if there))
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
-        flags = trial_flags(row, ticks)
+        flags = [f"▲ {flag}" for flag in trial_flags(row, ticks)]
         theme.set_style(self.flags, "caution" if flags else "quiet")
-        self.flags.setText("\n".join(f"▲ {flag}" for flag in flags) or NO_FLAGS)
+        late = Punctuality().plus(ticks) if ticks is not None else Punctuality()
+        if late.usable and late.missed:
+            flags.append(late.words)
+        self.flags.setText("\n".join(flags) or NO_FLAGS)
         self._make_room()
 
     def _colour(self) -> None:

@@ -35,7 +35,7 @@ class Ask(NamedTuple):
     reasons: tuple[str, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()  # of these one is chosen besides, the first unless another is clicked
     own: str = "Another reason"  # what one's own words are
-    leave: str = "Cancel  Esc"  # the words of the button that closes it
+    leave: str = "Cancel"  # the words of the button that closes it
 
     def of_trial(self, name: str, about: str = "") -> "Ask":
         """The same of one trial, by its name: "trial 4"."""

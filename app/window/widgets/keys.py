@@ -20,8 +20,8 @@ class Key(NamedTuple):
 #: in a session
 SESSION = {
     "start": Key(("Space",), "start the next trial; keep the trial on the card and go on"),
-    "escape": Key(("Esc",), "brakes off at once; with no trial running it first closes what is open"),
-    "allow brakes": Key(("Ctrl+B",), "let the brakes act again"),
+    "escape": Key(("Esc",), "turn the brakes off, in a session and in Try; and close what is open"),
+    "brakes on": Key(("Ctrl+B",), "turn the brakes on again"),
     "redo": Key(("Alt+R",), "repeat the last trial, or the one on the card"),
     "exclude": Key(("Alt+X",), "exclude the trial on the card"),
     "skip": Key(("Alt+S",), "skip the next trial"),

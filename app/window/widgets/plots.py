@@ -7,7 +7,6 @@ Our choice: pens one pixel wide, without antialiasing or a live grid, either of 
 """
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -16,7 +15,6 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QMouseEvent, QPen
 from PySide6.QtWidgets import QFrame, QLabel
 
-from app.ipc.messages import Timing
 from app.window.widgets import theme
 from app.window.widgets.parts import Figures, Panel, column, row, text_label
 from app.window.widgets.theme import COLOURS
@@ -277,27 +275,19 @@ def currents_of(rows: np.ndarray, braked: Collection[str]) -> np.ndarray:
     return np.where(has_brake[:, None], rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].T, math.nan)
 
 
-def lateness_words(us: float) -> str:
-    """ "402" in µs, as the title says, or "13 ms"."""
-    return grouped(round(us)) if us < 1e4 else f"{grouped(round(1e-3 * us))} ms"
-
-
 class TimingStrip(LivePlot):
-    """How late each tick of the loop comes, on a logarithmic scale; percentiles, missed ticks, scheduling in words."""
+    """How late each tick of the movement comes, on a logarithmic scale."""
 
     LEAST_US, DECADES = 1.0, 4.0  # the scale: 1 us at the bottom, 10 ms at the top
     LATE_US = 100.0  # a point in the colour of a caution from here on; red: the tick was missed
 
     def __init__(self) -> None:
-        self.late, self.foot = pg.ScatterPlotItem(size=5, pen=None), Figures()
-        super().__init__("Loop lateness, µs", "", [COLOURS.good], self.DECADES, 0)
+        self.late = pg.ScatterPlotItem(size=5, pen=None)
+        super().__init__("Ticks late, µs", "", [COLOURS.good], self.DECADES, 0)
         self.item.addItem(self.late)
-        self.rows.addWidget(self.foot)
-        self.show_timing(None, runs=False)
 
-    def add_ticks(self, rows: np.ndarray) -> None:
-        """Ticks (n, WIDTH) of the running trial."""
-        t, lateness = rows[:, tick_log.T], rows[:, tick_log.LATENESS_US]
+    def add_ticks(self, t: np.ndarray, lateness: np.ndarray) -> None:
+        """Times (n,), s, and lateness (n,), us, of ticks."""
         share = np.clip(np.log10(np.maximum(lateness, self.LEAST_US)), 0.0, self.DECADES)
         late = lateness >= self.LATE_US
         if late.any():
@@ -313,18 +303,6 @@ class TimingStrip(LivePlot):
     def clear(self) -> None:
         self.late.clear()
         super().clear()
-
-    def show_timing(self, now: Timing | None, runs: bool) -> None:
-        """runs: a trial does, and it is of this one so far; else of the last one, or of before any."""
-        missed, foot, kind, colour = NOTHING if runs else NO_TRIAL, "", "", COLOURS.quiet
-        if now is not None:
-            p50, p99, most = map(lateness_words, (now.p50_us, now.p99_us, now.max_us))
-            missed, foot = f"{grouped(now.missed)} missed{', so far' * runs}", f"p50 {p50} · p99 {p99} · max {most} · "
-            kind = re.split("[:,]", now.scheduling)[0]  # the rest has no room beside large numbers
-            colour = COLOURS.caution if now.missed else COLOURS.quiet
-        self.figures.show_parts((missed, colour))
-        self.foot.show_parts((f"{foot}{kind}", COLOURS.quiet))
-        self.foot.setToolTip(f"{foot}{now.scheduling}" if now is not None else "")
 
     def read_at(self, place: QPointF) -> str:
         return f"{10.0 ** place.y():.0f} µs"

@@ -1,4 +1,4 @@
-"""The header's lights and the brakes-off button; what is wrong and what to do about it in a banner."""
+"""The header's lights and the brakes' button; what is wrong and what to do about it in a banner."""
 
 from collections.abc import Iterable, Sequence
 
@@ -65,19 +65,18 @@ class Banner(Panel):
         self.setToolTip(text)
 
 
-OFF, OFF_BY_KEY, ALLOW, ARE_OFF = TEXTS = "Brakes off", "Brakes off  Esc", "Allow brakes", "Brakes are off"
+TURN_OFF, TURN_ON, ARE_OFF = TEXTS = "Turn brakes off  Esc", "Turn brakes on  Ctrl+B", "Brakes off"
+
+
+CURRENTS, ZERO = "Let currents flow again", "Zero current at once; a running trial ends and is kept"
+NO_CURRENT = "No session is open, nor Try: no current can flow"
 
 
 class BrakesButton(QPushButton):
     """As wide as the longest of its texts needs it, so that nothing beside it moves."""
 
     def __init__(self) -> None:
-        super().__init__(OFF, objectName="brakes", focusPolicy=NO_FOCUS)
-
-    def show_key(self, acts: bool) -> None:
-        """Name Esc while it takes the brakes off."""
-        if self.text() in (OFF, OFF_BY_KEY):
-            self.setText(OFF_BY_KEY if acts else OFF)
+        super().__init__(TURN_OFF, objectName="brakes", focusPolicy=NO_FOCUS)
 
     def sizeHint(self) -> QSize:
         width = {text: self.fontMetrics().size(Qt.TextFlag.TextShowMnemonic, text).width() for text in TEXTS}
@@ -131,12 +130,10 @@ class Preflight(QWidget):
         about = [f"{check.name}: {check.text}" for check in snapshot.checks]
         self._well.setToolTip("\n".join([*about, "A click (F3) shows the device page."]))
         self.fit_words()
-        theme.set_style(self.brakes, "brakes-off" if off or failed else "brakes")
-        self.brakes.setText(ARE_OFF if failed else ALLOW if off else OFF)
-        self.brakes.setEnabled(not failed and (not off or snapshot.can_allow))
-        self.brakes.setToolTip(
-            "Let currents flow again (Ctrl+B)" if off else "Zero current at once; a running trial ends and is kept"
-        )
+        theme.set_style(self.brakes, "brakes-on" if off or failed else "brakes")
+        self.brakes.setText(ARE_OFF if failed else TURN_ON if off else TURN_OFF)
+        self.brakes.setEnabled(not failed and (snapshot.can_allow or snapshot.can_turn_off))
+        self.brakes.setToolTip(CURRENTS if off else ZERO if snapshot.can_turn_off else NO_CURRENT)
 
     def _show_pills(self, checks: Sequence[m.Check]) -> None:
         """A pill each; what is said again stays as it is, under a pointer that rests on it."""
@@ -166,9 +163,8 @@ def advice(snapshot: m.Snapshot) -> list[str]:
     wrong = [check for check in snapshot.checks if check.state == m.BAD]
     lines = [" ".join(filter(None, (f"{check.name}: {sentence(check.text)}", check.advice)))
              for check in wrong if not (snapshot.brakes_off and check.text == m.BRAKES_OFF)]  # fmt: skip
-    if (why := snapshot.brakes_off) and snapshot.can_allow:  # else a device that is not reached comes first
-        to_do = faults.advice(why) or "Press Ctrl+B or “Allow brakes”."
-        lines.insert(0, f"Brakes off. {as_sentence(why)} {to_do}")
+    if snapshot.can_allow and (to_do := faults.advice(snapshot.brakes_off)):  # else somebody turned them off
+        lines.insert(0, f"Brakes off. {as_sentence(snapshot.brakes_off)} {to_do}")
     return lines
 
 

@@ -26,7 +26,7 @@ QFrame#banner { background: $bad_ground; border: 1px solid $bad; border-radius: 
 QFrame#banner QLabel { color: $bad_text; }
 QLabel#sign, QLabel#sign-on, QLabel#sign-late { border-radius: ${radius}px; padding: 3px 16px; color: $quiet; }
 QLabel#sign { border: 1px solid $line; }
-QLabel#sign-on { background: $bad; color: $on_bad; }
+QLabel#sign-on { border: 1px solid $bad; color: $bad; }
 QLabel#sign-late { background: $caution; color: $on_bad; }
 QPushButton { background: $field; border: 1px solid $line; border-radius: 5px; padding: 6px 12px; }
 QPushButton:hover { border-color: $quiet; }
@@ -34,9 +34,10 @@ QPushButton:focus { border-color: $accent; outline: none; }
 QPushButton:disabled { color: $brake_off; background: $panel; }
 QPushButton#main:enabled { background: $accent_ground; border-color: $accent; }
 QPushButton#main:focus { border-color: $text; }
-QPushButton#brakes { background: $bad_ground; border-color: $bad; color: $bad_text; padding: 6px 10px; }
-QPushButton#brakes-off { background: $bad; border-color: $bad; color: $on_bad; padding: 6px 10px; }
-QPushButton#brakes-off:disabled { background: $panel; border-color: $line; color: $brake_off; }
+QPushButton#brakes { background: $bad; border-color: $bad; color: $on_bad; padding: 6px 10px; }
+QPushButton#brakes-on { background: $panel; border-color: $caution; color: $caution; padding: 6px 10px; }
+QPushButton#brakes:disabled, QPushButton#brakes-on:disabled { background: $panel; border-color: $line;
+    color: $brake_off; }
 QPushButton#key { text-align: left; }
 QPushButton#key:checked, QPushButton#segment:checked { background: $accent_ground;
     border-color: $accent; }

@@ -54,6 +54,11 @@ def shade(role: str, alpha: float = 1.0) -> QColor:
     return chosen
 
 
+def is_dark() -> bool:
+    """Whether what is lighter stands out from the ground."""
+    return palette.chosen is palette.DARK
+
+
 OF_TEXT = 0.3  # share of the colour of text in that of letters
 LETTERS = " of letters"
 

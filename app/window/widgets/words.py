@@ -162,9 +162,11 @@ def given_back(trial: TrialRow, opened: m.Opened | None) -> list[str]:
 def head_of(snapshot: m.Snapshot, wrong: bool) -> str:
     """Where the session stands while no trial runs. wrong: the banner says what is."""
     large = HEADS.get(snapshot.stage, "Paused" if snapshot.paused else "Ready")
-    if snapshot.stage != m.FAILED and (wrong or (large == "Ready" and snapshot.trial_blocker)):
-        return "Brakes off" if snapshot.can_allow else "Not ready"
-    return large
+    if snapshot.stage == m.FAILED:
+        return large
+    if snapshot.can_allow:
+        return "Brakes off"
+    return "Not ready" if wrong or (large == "Ready" and snapshot.trial_blocker) else large
 
 
 def ended(row: TrialRow) -> str:
