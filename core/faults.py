@@ -44,7 +44,7 @@ FAULTS = {
         "the board was powered up again, though its number of starts is still {starts}",
         f"Home the encoders and take the zero of the force anew, {ON}; its firmware must count every power-up.",
     ),
-    "host-request": FaultWords("stopped by the host or the emergency stop", "Turn the brakes on again when it is safe."),
+    "host-request": FaultWords("stopped by the host or the emergency stop", "Turn the brakes on when it is safe."),
     "emergency-stop": FaultWords(
         "the emergency stop has cut the supply of the brakes",
         "Release it, press the start button of the supply, then turn the brakes on again.",

@@ -210,9 +210,10 @@ class RealSetup:
                 case jobs.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 
-    def checks(self, why_off: str) -> tuple[Check, Check]:
-        """Device and hand for the pre-flight row."""
-        return check_real(self.status, why_off, self.doing == CONNECT), check_sensor(self.status)
+    def checks(self, why_off: str) -> tuple[Check, ...]:
+        """Device and, once it is reached, hand for the pre-flight row."""
+        device = check_real(self.status, why_off, self.doing == CONNECT)
+        return (device,) if self.status is None or self.status.problem else (device, check_sensor(self.status))
 
     def allow(self, presses: int) -> None:
         """Let the loop allow currents again, unless the brakes-off was pressed more often than `presses`.

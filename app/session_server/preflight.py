@@ -64,7 +64,7 @@ def check_sensor(status: DeviceStatus | None) -> Check:
         advice = "Without it the controllers see motion alone, and a trapped hand is not released."
         return Check(FORCE_SENSOR, CAUTION, "none", advice)
     if not status.zeroed:
-        return Check(FORCE_SENSOR, DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
+        return Check(FORCE_SENSOR, DUE, "not zeroed yet", "Zero it: the session or the Device page (F3) guides you.")
     return Check(FORCE_SENSOR, GOOD, "zeroed")
 
 

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from app import __version__
 from app.window.participant.tone import NO_SOUND, player
-from app.window.widgets import memory, palette, theme
+from app.window.widgets import memory, theme
 from app.window.widgets.cards import OverlayCard
 from app.window.widgets.parts import (
     Choice,

@@ -10,7 +10,7 @@ from status_messages import LOST, NOT_ZEROED, ON_BENCH, WELL, status, told
 from texts_on_screen import faults
 
 from app.ipc import messages as m
-from app.window.device.device_page import SIMULATED, DevicePage
+from app.window.device.device_page import ASSUMED, SIMULATED, DevicePage
 from app.window.device.device_view import FOLLOWS
 from app.window.device.figures import RECENT_S, Rates, counters_of, quantisation, readiness, worth_a_look
 
@@ -48,7 +48,7 @@ def test_of_a_simulated_device_one_sentence_is_shown_and_of_a_board_that_it_is_b
     assert "Opening /dev/ttyACM1 …" in texts(page) and not page.bench.isVisible(), "nothing of the board before"
     page.show_setup(m.Setup(Path("data")))
     show(page, opened(), ready(3))
-    assert SIMULATED in texts(page) and not page.bench.isVisible()
+    assert SIMULATED.format("Three-brake", ASSUMED) in texts(page) and not page.bench.isVisible()
 
 
 def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: DevicePage) -> None:
@@ -58,7 +58,7 @@ def test_a_device_that_is_well_shows_all_that_its_board_and_link_report(page: De
     shown += texts(page)
     for what in (
         "four-brake", "B-7 is connected", "0.9.0, protocol 1", "Ready: no current", "A B: homed at",
-        "6 channels, zero at", "34\u202f512 counts", "120.32°", "computed", "x 20.0   y 380.0 mm",
+        "6 channels, zeroed at", "34\u202f512 counts", "120.32°", "computed", "x 20.0   y 380.0 mm",
         "UART at 2000 kbaud, by an ST-LINK", "5.0 N   x 3.0   y -4.0", "1.6 ms at best",
         "12 of 812\u202f357 samples", "+12 ppm", "± 35 µs",
     ):  # fmt: skip
@@ -160,22 +160,26 @@ BEFORE, ALL = m.Snapshot(m.NO_SESSION, checks=WELL), {m.CONNECT, m.HOME, m.ZERO}
 SHOWN = {
     "all is ready before a session": ("", BEFORE, {}, "Ready", "Start the session on Home", None, ALL),
     "all is ready in a session": ("01", ready(3, checks=WELL), {}, "Ready", "The Run page goes on", None, ALL),
+    "the board came back": (
+        "01", ready(3, checks=WELL), {"report": {"lost_links": 1, "state": "READY"}}, "Ready, but see Link",
+        "The Run page goes on", None, ALL,
+    ),
     "no zero, before a session": (
-        "", BEFORE._replace(checks=NOT_ZEROED), {"zeroed": False}, "Next: zero the force sensor",
-        "Take your hand off the handle", ("Zero the force sensor", m.PrepareDevice(m.ZERO)), ALL,
+        "", BEFORE._replace(checks=NOT_ZEROED), {"zeroed": False}, "Next: start zeroing the force sensor",
+        "Take your hand off the handle", ("Start zeroing the force sensor", m.PrepareDevice(m.ZERO)), ALL,
     ),
     "not homed": (
         "01", ready(3, checks=(NOT_HOMED, *NOT_ZEROED[1:])), {"zeroed": False, "homed": False},
-        "Next: home the encoders", "Hold the handle in its jig at x = 0 mm, y = 400 mm",
-        ("Home the encoders", m.PrepareDevice(m.HOME)), ALL,
+        "Next: start homing the encoders", "Hold the handle in its jig at x = 0 mm, y = 400 mm",
+        ("Start homing the encoders", m.PrepareDevice(m.HOME)), ALL,
     ),
     "the board is lost": (
-        "01", ready(3, checks=LOST), {"problem": "no sample for 200 ms"}, "Next: reconnect the board", "No sample",
-        ("Reconnect the board", m.PrepareDevice(m.CONNECT)), {m.CONNECT},
+        "01", ready(3, checks=LOST), {"problem": "no sample for 200 ms"}, "Board: not connected", "No sample",
+        None, {m.CONNECT},
     ),
     "a fault is latched on the board": (
-        "01", ready(3, checks=(OFF, *WELL[1:]), brakes_off="too hot"), {"fault": "too hot"}, "Next: allow the brakes",
-        "too hot", ("Allow brakes", m.AllowBrakes()), {m.CONNECT},
+        "01", ready(3, checks=(OFF, *WELL[1:]), brakes_off="too hot"), {"fault": "too hot"}, "Next: turn the brakes on",
+        "too hot", ("Turn brakes on", m.AllowBrakes()), {m.CONNECT},
     ),
     "a step is being done": (
         "01", ready(3, checks=NOT_ZEROED, step=m.ZERO), {"zeroed": False}, "Zeroing …", "do not touch", None, set(),
@@ -219,5 +223,7 @@ def test_before_homing_in_a_wrong_jig_the_page_names_the_distance_and_asks(bench
         bench.click(page.again[m.HOME])
         bench.click(page.cards.question.buttons[0])
         assert "5.3 mm from its jig" in page.cards.question.text.text() and bench.sent == []
+        page.show_pulse(told(status(tip=(0.0053, 0.4001))))
+        assert page.title.text() == "Is this the right jig?"
         bench.click(page.cards.question.buttons[answer])
         assert bench.sent == sent and page.cards.question is None

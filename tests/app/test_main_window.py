@@ -18,7 +18,7 @@ from waiting import wait_until
 from app.ipc import messages as m
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.widgets import memory, words
-from app.window.widgets.page import ANALYSE, HOME, RUN, TRY
+from app.window.widgets.page import ANALYSE, HOME, RUN
 from app.window.widgets.preflight import ARE_OFF, TURN_OFF, TURN_ON, Preflight
 from core import tick_log
 

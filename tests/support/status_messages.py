@@ -9,7 +9,7 @@ from app.ipc.messages import DeviceStatus
 
 ON_BENCH = {"real_device": True, "hand": "force sensor"}
 WELL = (m.Check("Device", m.GOOD, "four-brake, board B-7"), m.Check(m.FORCE_SENSOR, m.GOOD, "zeroed"), *GREEN[2:])
-NO_ZERO = m.Check(m.FORCE_SENSOR, m.DUE, "no zero yet", "Zero it: the session or the Device page (F3) guides you.")
+NO_ZERO = m.Check(m.FORCE_SENSOR, m.DUE, "not zeroed yet", "Zero it: the session or the Device page (F3) guides you.")
 NOT_ZEROED = (WELL[0], NO_ZERO, *GREEN[2:])
 LOST = (
     m.Check("Device", m.BAD, "not connected", "No sample for 200 ms."),

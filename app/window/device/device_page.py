@@ -36,9 +36,10 @@ from app.window.widgets.preflight import MARKS
 from experiments.protocol import home_of
 
 SIMULATED = (
-    "The device is simulated on this computer. It needs no homing and no zero. To use a real one, choose Board on Home "
-    "and connect to it."
+    "{}, simulated on this computer{}. Ringed letters: joints with a brake. It needs neither homing nor zeroing. To "
+    "use a real one, choose Board on Home."
 )
+ASSUMED = ", with assumed numbers"
 ROWS_PX, ROW_PX, NAME_PX = 720, 52, 110  # of the rows: wide at most, high at least; of a name
 RAW, PICTURE = "Raw numbers  ›", "‹  Picture"
 
@@ -87,7 +88,7 @@ class DevicePage(Page):
         )
         left = holder(column(first, (rows, 1), spacing=theme.GAP))
         left.setMaximumWidth(ROWS_PX)
-        seen = panel("Where the encoders see the handle", (self.view, 1), self.view.caption, spacing=4)
+        seen = panel("The device", (self.view, 1), self.view.caption, spacing=4)
         self.side = stack(seen, self._raw_panel())
         self.bench = holder(row((left, 5), (self.side, 4), spacing=theme.GAP))
         self.unused = holder(column((self.simulated, 3), (self.no_figures, 1), margins=(40, 40, 40, 0)))
@@ -122,6 +123,7 @@ class DevicePage(Page):
         super().show_opened(opened)
         device, path = opened.protocol.devices[0], next(iter(opened.protocol.paths.values()))
         self.simulated.show_trial(device, path, home_of(device, opened.protocol.paths))
+        self.simulated.show_path(None)
         self.simulated.setVisible(not opened.real_device)
         self._refresh()
 
@@ -130,6 +132,11 @@ class DevicePage(Page):
             self.cards.leave()
         super().show_snapshot(snapshot)
         self._refresh()
+
+    @property
+    def says_what_is_wrong(self) -> bool:
+        """Of a device on the bench."""
+        return not self.bench.isHidden()
 
     def to_close(self) -> Callable[[], object] | None:
         return self.cards.to_close()
@@ -150,7 +157,9 @@ class DevicePage(Page):
     def _refresh(self) -> None:
         status, snapshot, opened = self._status, self.snapshot, self.opened
         on_bench = opened is not None and opened.real_device
-        self.no_figures.setText(f"Opening {self._port} …" if self._port else SIMULATED)
+        device = opened.protocol.devices[0] if opened else None
+        simulated = SIMULATED.format(device.name.capitalize(), ASSUMED * device.assumed) if device else ""
+        self.no_figures.setText(f"Opening {self._port} …" if self._port else simulated)
         self.unused.setVisible(not on_bench)
         self.bench.setVisible(on_bench)
         if opened is None or not on_bench or not self.isVisible():
@@ -160,7 +169,9 @@ class DevicePage(Page):
             label.setText(breakable(values.get(name) or figures.NOTHING))
         found = figures.readiness(snapshot, status, self._rates)
         self._show_rows(found, possible(opened, snapshot, status))
-        self._show_next(next_step(found, opened, snapshot, status))
+        asked = self.cards.question
+        step = NextStep(asked.title.text(), "") if asked else next_step(found, opened, snapshot, status)
+        self._show_next(step)
         runs = snapshot.stage == m.RUNNING
         self.view.show_device(status if figures.is_reached(status) else None, opened.protocol, runs)
 
@@ -211,8 +222,8 @@ class DevicePage(Page):
 
     def _ask_about_jig(self, wrong: str) -> None:
         text = (
-            f"{wrong} Is it the right jig, and does it hold the handle? If you home here, every position changes by as "
-            "much."
+            f"{wrong} Is it the right jig, and does it hold the handle? If homing starts here, every position changes "
+            "by this distance."
         )
-        answers = [("Cancel", self.cards.leave), self._button_of("Home here all the same", m.HOME, True)]
+        answers = [("Cancel", self.cards.leave), self._button_of("Start homing all the same", m.HOME, True)]
         self.cards.put(OverlayCard("Is this the right jig?", text, answers, self))

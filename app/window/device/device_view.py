@@ -2,7 +2,7 @@
 
 import math
 
-from PySide6.QtCore import QMarginsF, QPointF
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt
 from PySide6.QtGui import QPainter, QPen
 
 from app.ipc import messages as m
@@ -17,15 +17,16 @@ from app.window.widgets.theme import COLOURS
 from core.mechanism import JOINTS
 from experiments.protocol import Protocol, home_of
 
-FOLLOWS = "Move the handle: the picture must follow. Dashed ring: the jig. Ringed letters: joints with an encoder."
-UNHOMED = "Not homed: drawn with the handle in its jig, the dashed ring."
+MARKS = "Dashed ring: the jig. Ring: a brake. Square: an encoder. Numbers: the joints' angles."
+FOLLOWS = f"Move the handle: the picture must follow. {MARKS}"
+UNHOMED = "Not homed: drawn with the handle in its jig, the dashed ring. Ring: a brake. Square: an encoder."
 STANDS = "A trial is running: this is the device before it. The Run page shows it now."
 NO_DEVICE = "Nothing is connected."
-JIG_PX, ANGLE_PX = 14.0, 24.0  # radius of the jig's ring; from a joint down to its angle
+JIG_PX, ANGLE_PX, SQUARE_PX = 14.0, 30.0, 17.0  # radius of the jig's ring; from a joint to its angle; half a square
 
 
 class DeviceView(SmallView):
-    """The linkage with the letters of the joints that have an encoder, their angles, and the force of the hand."""
+    """The linkage with its brakes and encoders, the joints' angles, and the force of the hand."""
 
     def __init__(self) -> None:
         super().__init__(AT_DESK)
@@ -63,10 +64,18 @@ class DeviceView(SmallView):
         line = QPen(theme.pen(COLOURS.accent, 2.0))  # its own: the other one is kept for everybody
         line.setDashPattern([3.0, 3.0])
         paint_circle(painter, self.to_screen(self._jig), JIG_PX, line)
-        letters = {joint: joint for joint in JOINTS if joint in status.encoders}
+        letters = {joint: joint for joint in status.encoders} | dict(now.device.labels)
         rings = marks.rings_of(at, letters)
         marks.paint_arms(painter, at, ARM_PX, 2.0)
-        marks.paint_joints(painter, rings, letters, {})
+        marks.paint_joints(painter, rings, now.device.labels, {})
+        for joint in filter(rings.__contains__, status.encoders):
+            painter.setPen(theme.pen(COLOURS.text, 1.5))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRect(QRectF(-SQUARE_PX, -SQUARE_PX, 2.0 * SQUARE_PX, 2.0 * SQUARE_PX).translated(rings[joint]))
+            if joint not in now.device.labels:
+                theme.write(
+                    painter, rings[joint] - QPointF(0.0, SQUARE_PX + 9.0), joint, theme.SMALL, True, COLOURS.quiet
+                )
         if status.homed and len(status.theta) == len(JOINTS) and rings:
             for joint, angle in zip(JOINTS, status.theta, strict=True):
                 below = rings[joint] + QPointF(0.0, ANGLE_PX)

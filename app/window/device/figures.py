@@ -107,7 +107,8 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
     if status is not None and reached:
         board, state = status.board or status.device, status.report.get("state", "no fault")
         homed = f"homed{at(status.homed_at) or ' before this program began'}" if status.homed else "not homed yet"
-        zeroed = f"zero{at(status.zeroed_at)}" if status.zeroed else "no zero yet"
+        homed += ", kept by the board since" if status.homed and status.report.get("lost_links") else ""
+        zeroed = f"zeroed{at(status.zeroed_at)}" if status.zeroed else "not zeroed yet"
         channels = f"{status.force_channels} channels, {zeroed}" if status.force_channels else "none"
         letters = " ".join(status.encoders)
         arrive = f"{rates['samples']:.0f} samples a second" if rates else "samples arrive"
@@ -124,7 +125,8 @@ def readiness(snapshot: m.Snapshot, status: m.DeviceStatus | None, rates: dict[s
     for check in snapshot.checks:  # the server's own, which says what keeps trials from starting
         name = {"Device": of_device, m.FORCE_SENSOR: FORCE if reached else ""}.get(check.name, "")
         if name and check.state != m.GOOD:
-            found[name] = check._replace(text=check.text if check.state in (m.DUE, m.WAITING) else told(check))
+            short = name == READY_BOARD or check.state in (m.DUE, m.WAITING)
+            found[name] = check._replace(text=check.text if short else told(check))
     return {name: check._replace(text=check.text[:1].upper() + check.text[1:]) for name, check in found.items()}
 
 

@@ -21,9 +21,13 @@ class Step(NamedTuple):
 #: step -> its words
 STEPS = {
     m.CONNECT: Step("Reconnect …", "Reconnect the board", "The connection is closed and made again."),
-    m.HOME: Step("Home …", "Home the encoders", "Hold the handle in its jig at {}, then press the button."),
+    m.HOME: Step(
+        "Start homing …", "Start homing the encoders", "Hold the handle in its jig at {}, then press the button."
+    ),
     m.ZERO: Step(
-        "Zero …", "Zero the force sensor", "Take your hand off the handle, then press the button. It takes one second."
+        "Start zeroing …",
+        "Start zeroing the force sensor",
+        "Take your hand off the handle, then press the button. It takes one second.",
     ),
 }
 #: row -> the step that makes it ready
@@ -50,16 +54,18 @@ def next_step(
     due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")
     if not due:
         go = "Start the session on Home, or try the device." if not opened.participant else "The Run page goes on."
-        return NextStep("Ready", go)
+        doubt = next((name for name, check in found.items() if check.state == m.CAUTION), "")
+        return NextStep(f"Ready, but see {doubt}" if doubt else "Ready", go)
+    if due == READY_BOARD:  # it is looked for all the time
+        return NextStep(f"{due}: {found[due].text.lower()}", found[due].advice)
     text = found[due].text
     if due == BRAKES and snapshot.can_allow:
         return NextStep("Next: turn the brakes on", text, ALLOW, "Turn brakes on")
     if due not in STEP_OF or STEP_OF[due] not in possible(opened, snapshot, status):
         return NextStep(f"{due}: not ready yet", text)
     step = STEP_OF[due]
-    needs = text if step == m.CONNECT else needs_of(step, opened, snapshot, status)
     title = STEPS[step].title
-    return NextStep(f"Next: {title[0].lower()}{title[1:]}", needs, step, title)
+    return NextStep(f"Next: {title[0].lower()}{title[1:]}", needs_of(step, opened, snapshot, status), step, title)
 
 
 def possible(opened: m.Opened, snapshot: m.Snapshot, status: m.DeviceStatus | None) -> set[str]:

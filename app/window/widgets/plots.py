@@ -21,7 +21,6 @@ from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
-from experiments.plan import grouped
 
 WINDOW_S = 6.0  # what a live plot shows while it follows
 NOTHING = "–"
