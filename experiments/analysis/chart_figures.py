@@ -121,7 +121,7 @@ def chart_figure(chart: Chart, trials: Trials, note: str, view: View) -> Figure:
     with matplotlib.rc_context(STYLE):
         figure = new_figure(width, HEIGHT)
         axes = figure.add_axes((0.6 / width, bottom, (width - 0.75) / width, 0.88 - bottom))
-        draw_chart(axes, chart, view.logarithmic)
+        draw_chart(axes, chart)
         named = coloured([chart], view)
         dots = [
             Line2D([], [], marker="o", ls="", color=colour_of(controller, view.colours), label=name)
@@ -306,7 +306,7 @@ def _draw_panel(axes: Axes, chart: Chart, show_counts: bool, slanted: bool) -> N
             under(x, line, below + 72.0 * LABEL_IN * j, va="baseline")
 
 
-def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
+def draw_chart(axes: Axes, chart: Chart) -> None:
     for placed in chart.boxes:
         if placed.box.n > 1:  # else its point says all
             draw_box(axes, placed, colour_of(placed.controller, chart.colours))
@@ -324,7 +324,7 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
     axes.scatter(late, [1.02] * len(late), 25.0, TIMEOUT_COLOUR, marker="x", transform=above, clip_on=False)
     if chart.curve:
         axes.plot(*zip(*chart.curve, strict=True), color=TEXT, linewidth=1.2, zorder=6)
-    if logarithmic:
+    if chart.logarithmic:
         axes.set_yscale("log")
     else:
         axes.set_ylim(1.06 * chart.lowest, 1.06 * chart.highest or (0.0 if chart.lowest else 1.0))
@@ -343,7 +343,7 @@ def draw_chart(axes: Axes, chart: Chart, logarithmic: bool = False) -> None:
 def title_of(chart: Chart, width_in: float) -> str:
     """The title of a chart with its unit, broken to fit over axes of this width."""
     return textwrap.fill(
-        f"{chart.title} ({chart.unit})" if chart.unit else chart.title, max(12, int(width_in / TITLE_LETTER_IN))
+        f"{chart.title} ({chart.scale})" if chart.scale else chart.title, max(12, int(width_in / TITLE_LETTER_IN))
     )
 
 

@@ -100,6 +100,12 @@ class Chart(NamedTuple):
     curve: tuple[tuple[float, float], ...] = ()
     reach: float = 0.0  # up to where the scale goes at least
     colours: Mapping[Controller, int] = {}  # as `View.colours`
+    logarithmic: bool = False
+
+    @property
+    def scale(self) -> str:
+        """Of its values: "mm", or "mm, log scale"."""
+        return ", ".join(filter(None, (self.unit, "log scale" * self.logarithmic)))
 
     @property
     def highest(self) -> float:
@@ -121,7 +127,7 @@ class View(NamedTuple):
     names: Mapping[Controller, str]  # controller -> what stands under its boxes
     lengths: Mapping[int, float] = {}  # segment -> length of the path, m
     timeouts: bool = False  # in boxes and statistics
-    logarithmic: bool = False
+    logarithmic: bool = False  # the axis of path error
     measures: tuple[Metric, ...] = DRAWN  # a chart each
     colours: Mapping[Controller, int] = {}  # controller -> the place of its colour; a code has none
     trials: Mapping[tuple[str, int], str] = {}  # participant, run -> "trial 4, second try"; a first one may be left out
@@ -259,8 +265,8 @@ def _by_participant(trials: Trials, metric: Metric, view: View) -> Chart:
     def place(row: TrialRow) -> tuple:
         return row.participant, (row.controller, row.configuration)
 
-    grouping = Grouping({who: f"P{who}" for who in people_of(trials)}, members, place)
-    return _boxed(PERSON, trials, metric, view, grouping)
+    grouping = Grouping({who: who for who in people_of(trials)}, members, place)
+    return _boxed(PERSON, trials, metric, view, grouping)._replace(x_title="Participant")
 
 
 class Grouping(NamedTuple):
@@ -364,6 +370,7 @@ def _chart(page: str, trials: Trials, metric: Metric, view: View, x: Callable[[T
     return Chart(
         content if page == POOLED else f"{content}_{page}", metric.title, metric.shown_unit, (), "", (0.0, 1.0),
         points(to_compare(measured, view.timeouts)), points(late), points(others), colours=view.colours,
+        logarithmic=view.logarithmic and metric is DRAWN[0],
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from app.cli import main
 from app.window.analyse.trial_view import SPEEDS, TrialView
 from app.window.analyse.trial_window import TrialWindow
 from app.window.widgets import theme
+from app.window.widgets.plots import start_of_hold
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
@@ -132,7 +133,7 @@ def test_space_and_the_button_play_and_pause_it_stops_at_the_end_and_begins_anew
     now, end = view.clock.text().removesuffix(" s").split(" / ")
     assert now == end, "no time is shown that the trial does not have"
     view.play_or_pause()
-    assert view.tick <= 1 and view.playing
+    assert view.tick <= start_of_hold(ROWS) + 1 and view.playing
     view.play_or_pause()
 
 
@@ -143,6 +144,8 @@ def test_it_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent
         shown.grab()
         return pieces.furthest_px(shown, ROWS[: view.tick + 1])
 
+    assert view.tick == LAST, "all of its way is seen before it plays"
+    view.go_to(0.0)
     for _, until in frames(ROWS, generator):
         view.go_on(float(T[until - 1]) - view.played_s + 1e-6)
         shown.grab()

@@ -2,6 +2,7 @@
 
 import pickle
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
@@ -19,6 +20,7 @@ from app.window.widgets import theme
 from app.window.widgets.cards import EXCLUDE, Cards
 from app.window.widgets.page import Page
 from app.window.widgets.parts import (
+    PART,
     Choice,
     Flow,
     OneLine,
@@ -29,13 +31,12 @@ from app.window.widgets.parts import (
     keep_room,
     row,
     stack,
-    text_label,
     toggle,
     wrapped_label,
 )
-from app.window.widgets.preflight import sentence
+from app.window.widgets.preflight import sentence, wrong
 from app.window.widgets.theme import COLOURS, colour_at, colour_of
-from app.window.widgets.words import STATUS_WORDS, data_folder_of, in_colour
+from app.window.widgets.words import STATUS_WORDS, data_folder_of, from_home, in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core.files import InputError
 from experiments.analysis.charts import (
@@ -59,11 +60,12 @@ from experiments.atomic_files import first_free, partial_name
 from experiments.export.results import Results, ResultsJob, read_results
 from experiments.plan import counted
 from experiments.store.cells import finished_cells, trial_names
+from experiments.store.files import relative_to
 from experiments.store.journal import exclude_run
 from experiments.study.playback import Playback, read_playback
 
 TRIAL = "trial"
-PAGES = {POOLED: "Pooled", PERSON: "Per participant", TRIAL: "A trial"}
+PAGES = {POOLED: "Pooled", PERSON: "Per participant", TRIAL: "One trial"}
 AXES = {POOLED: "by controller", ORDER: "by order of trials", SPEED: "by speed"}  # of `POOLED`
 QUESTION_AXIS = {QUESTIONS: "by question"}  # where a questionnaire was answered
 SHOWN_FIRST = ("done", "timeout")  # of the statuses
@@ -94,13 +96,12 @@ class AnalysePage(Page):
         self.axis.activated.connect(lambda _: self._show())
         self.people, self.devices, self.statuses = Chips("Participants"), Chips("Devices"), Chips("Trials")
         self.measures = Chips("Measures")  # where the protocol has some of its own
-        self.timeouts, self.logarithmic = (
-            toggle(text, lambda _: self._show()) for text in ("Timeouts in the boxes", "Log scale")
-        )
+        self.timeouts = toggle("Timeouts in the boxes", lambda _: self._show())
+        # Our choice: the paper's axis is linear; there the error without control, ten times the others', flattens them
+        self.logarithmic = toggle("Path error: log scale", lambda _: self._show(), on=True)
         for chips in (self.people, self.devices, self.statuses, self.measures):
             chips.changed.connect(self._show)
-        self.summary, self.message = text_label("", "quiet", theme.SMALL), OneLine()
-        self.summary.setContentsMargins(0, 5, 0, 5)  # as high as the chips beside it
+        self.source, self.message = OneLine("", "quiet"), OneLine()
         self.plots = [ChartPlot() for _ in range(MOST_CHARTS)]
         self.empty = wrapped_label("", "quiet", theme.TITLE)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -121,7 +122,7 @@ class AnalysePage(Page):
         report = "A PDF of each session: who, when, plan, measures, timing, faults, figures"
         self.report_button = button("Session report", lambda: self.export(report=True), hint=report)
         files = "The charts as PNG, SVG and PDF, the trials as CSV: Ctrl+E"
-        self.export_button = button("Export", self.export, "main", files)
+        self.export_button = button("Export", self.export, hint=files)
         self.export_task, self.bar = VerbProcess(self._exported), QProgressBar(textVisible=False, maximum=1000)
         self.export_task.progressed.connect(self.bar.setValue)
         self.cancel_button = button("Cancel", lambda: self.export_task.stop(wait=True), "small")
@@ -140,10 +141,16 @@ class AnalysePage(Page):
         head = row(self.tabs, self.axis, 1, self.report_button, self.export_button)
         for pressed in (self.report_button, self.export_button):
             head.setAlignment(pressed, Qt.AlignmentFlag.AlignTop)
-        foot = row(self.folder_button, self.message, self.bar, self.cancel_button)
+        foot = row(self.source, self.folder_button, self.message, self.bar, self.cancel_button)
         chips = self.people, self.devices, self.statuses, self.measures
-        filters = Flow(*chips, self.logarithmic, self.timeouts, self.summary, gap=14)
-        self.setLayout(column(head, filters, (row((self.stack, 1), (self.side, 1)), 1), foot, spacing=8))
+        self.filters = holder(Flow(*chips, self.logarithmic, self.timeouts, gap=14))
+        both = row((self.stack, 1), (self.side, 1))
+        self.setLayout(column(head, self.filters, (both, 1), foot, spacing=8, margins=(0, 0, 0, 6)))
+
+    @property
+    def says_what_is_wrong(self) -> bool:
+        """The window's footer is of the open session: here stands whose results are shown."""
+        return not wrong(self.snapshot)
 
     # what the main window hands over
 
@@ -215,14 +222,7 @@ class AnalysePage(Page):
             return
         self.results = results
         rows = as_rows(results.trials)
-        count = {
-            who: len(finished_cells(row for row in rows if row.participant == who)[0])
-            for who in people_of(results.trials)
-        }
-        planned = {who: results.planned.get(who, 0) for who in count}
-        self.people.show_choices({
-            who: f"P{who}" if n >= planned[who] else f"P{who} {n} of {planned[who]}" for who, n in count.items()
-        })  # fmt: skip
+        self.people.show_choices({who: who for who in people_of(results.trials)})
         self.devices.show_choices({name: name for name in results.configurations})
         recorded = {row.status for row in rows if row.recording}
         statuses = [status for status in STATUSES if status in recorded]
@@ -232,7 +232,8 @@ class AnalysePage(Page):
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
-        self.show_message(" ".join(map(sentence, results.problems)), "caution")
+        self.show_message(PART.join(map(sentence, results.problems)), "caution")
+        self.message.setToolTip("\n".join(map(sentence, results.problems)))
         axes, axis = AXES | (QUESTION_AXIS if results.answers else {}), self.axis.value()
         self.axis.fill(axes, axis if axis in axes else POOLED)
         self._show()
@@ -284,8 +285,9 @@ class AnalysePage(Page):
         if results is None or trials is None:
             return
         if not len(results.trials):
-            unread = f"No trial in {results.folder} can be read." if results.problems else ""
-            self._show_empty(unread or f"Nothing is recorded in {results.folder} yet.")
+            unread = [f"No trial in {results.folder} can be read.", "", *map(sentence, results.problems)]
+            nothing = f"Nothing is recorded in {results.folder} yet."
+            self._show_empty("\n".join(unread) if results.problems else nothing)
         elif not len(trials):
             self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
         else:
@@ -309,19 +311,19 @@ class AnalysePage(Page):
                 in_colour("●", colour_at(view.colours.get(controller))) + name for controller, name in named.items()
             )
         ]
-        left = left_out(trials, *view.timeouts_on(shown[0])) if self.page != QUESTIONS else ""
+        tried = trials[trials["status"] != "excluded"]  # that one is not shown unless it is asked for
+        left = left_out(tried, *view.timeouts_on(shown[0])) if self.page != QUESTIONS else ""
         paths = paths_of(shown)
-        shapes = [f"{SHAPES[path - 1]}: path {path}." for path in paths if 1 < len(paths) and path <= len(SHAPES)]
-        how = " ".join([*legend(shown[0], view), *shapes])
+        shapes = [f"{SHAPES[path - 1]} path {path}." for path in paths if 1 < len(paths) and path <= len(SHAPES)]
+        if self.page == POOLED:
+            self.force.show_marks(trials, view)
+        how = " ".join([*legend(shown[0], view), *shapes, self.force.meaning() if self.page == POOLED else ""])
         for text, colour in ((how, COLOURS.quiet), (left, COLOURS.caution)):
             lines.append(in_colour(text, colour) if text else "")
         self.legend.setText(f"<div style='line-height: 135%'>{'<br>'.join(filter(None, lines))}</div>")
         for plot, chart in zip(self.plots, shown, strict=False):
-            plot.show_chart(chart, view.logarithmic)
-        seen: list[QWidget] = [*self.plots[: len(shown)]]
-        if self.page == POOLED:
-            self.force.show_marks(trials, view)
-            seen.append(self.force)
+            plot.show_chart(chart)
+        seen: list[QWidget] = [*self.plots[: len(shown)], *[self.force][: self.page == POOLED]]
         columns = 2 if len(seen) == 4 else max(len(seen), 1)
         for place, widget in enumerate(seen):
             self.places.addWidget(widget, *divmod(place, columns))
@@ -337,10 +339,11 @@ class AnalysePage(Page):
         """What can be done with what is shown, and nothing else."""
         results, trials, page = self.results, self.trials, self.stack.currentWidget()
         shown = 0 if trials is None else len(trials)
+        self.source.setText("" if results is None else source_of(results, trials))
+        self.source.setToolTip("" if results is None else "\n".join(map(str, (results.folder, *results.sessions))))
         late = 0 if trials is None else int((trials["status"] == "timeout").sum())
-        people, busy = 0 if trials is None else trials["participant"].nunique(), self.export_task.busy
-        counts = [counted(people, "participant"), counted(shown, "trial")]
-        self.summary.setText(" · ".join([*counts, f"{late} timed out"][: 3 if late else 2]) if shown else "")
+        busy = self.export_task.busy
+        self.filters.setVisible(self.tabs.value() != TRIAL)
         self.tabs.setEnabled(results is not None and len(results.trials) > 0)
         self.axis.setVisible(self.tabs.value() == POOLED)
         self.logarithmic.setVisible(page is self.charts)
@@ -457,9 +460,24 @@ class AnalysePage(Page):
     def show_message(self, text: str, look: str) -> None:
         theme.set_style(self.message, look)
         self.message.setText(text)
+        self.message.setVisible(bool(text))  # else the source has its room
         self.folder_button.hide()  # it is of the message before
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self.side.end()
         self.export_task.stop(wait=True)
         super().closeEvent(event)
+
+
+def source_of(results: Results, trials: "Trials | None") -> str:
+    """Whose results are shown: the folder, its sessions, how many trials; those that are not shown, and why."""
+    rows, shown = as_rows(results.trials), set() if trials is None else {trial_of(row) for row in as_rows(trials)}
+    names = [relative_to(results.folder, f"{session}") for session in results.sessions if session != results.folder]
+    which = counted(len(names), "session") if len(names) > 1 else "".join(names)
+    hidden = Counter(row.status for row in rows if trial_of(row) not in shown)
+    why = [f"{n} {STATUS_WORDS.get(status, status)}" for status, n in hidden.items()]
+    done = sum(len(finished_cells(row for row in rows if row.participant == who)[0]) for who in results.planned)
+    to_do = sum(results.planned.values()) - done
+    parts = [f"Results of {from_home(results.folder)}", which, f"{counted(len(shown), 'trial')} shown"]
+    left = [f"not shown: {', '.join(why)}" if why else "", f"still to do: {to_do}" if to_do > 0 else ""]
+    return PART.join(filter(None, [*parts, *left]))

@@ -14,15 +14,17 @@ from app.window.widgets import theme
 from app.window.widgets.parts import OneLine
 from app.window.widgets.plots import Plot, line
 from app.window.widgets.theme import COLOURS, colour_at, shade
-from app.window.widgets.words import SHORT
 from experiments.analysis.charts import Chart, Point
 from experiments.analysis.trials_table import TrialRow
 
 POINT_PX, RING_PX, CROSS_PX = 6, 15, 11
 SYMBOLS = "o", "t1", "s", "d", "t"  # of the points of the first path, the second, ..; as in print
-SHAPES = "Circle", "Triangle", "Square", "Diamond", "Triangle down"  # their names
+SHAPES = "○△□◇▽"  # their pictures
 APART_PX = 3.0  # between two names along an axis
 FOOT = 0.1  # of the scale, under it: the name of its low end is seen in a low plot, too
+TICKS = 3  # names along the axis of values, at least
+#: digits of the names of a logarithmic axis: as few as give that many names
+DIGITS = (1.0,), (1.0, 2.0, 5.0), tuple(map(float, range(1, 10))), tuple(0.1 * n for n in range(10, 100))
 BAND = 0.08  # of the plot's height, above the scale: crosses of trials whose time was up
 
 
@@ -42,25 +44,25 @@ class ChartPlot(Plot):
     def __init__(self) -> None:
         super().__init__(OneLine("", "", theme.NORMAL, bold=True))
         self.chart = Chart("", "", "", (), "", (0.0, 1.0), ())  # nothing
-        self._logarithmic = False
         self._ringed: tuple[str, int] | None = None  # participant, run
-        self.head.setStretch(0, 4)
+        self.head.setStretch(0, 3)
+        self.head.setStretch(1, 2)
         self.points, self.crosses = (pg.ScatterPlotItem(hoverable=True, tip=self._tip) for _ in range(2))
         self.ring = pg.ScatterPlotItem(size=RING_PX, brush=None)
         for marks in (self.points, self.crosses):
             marks.sigClicked.connect(self._clicked)
-        self.item.vb.sigYRangeChanged.connect(self._place_crosses)
+        for follow in (self._place_crosses, self._name_values):
+            self.item.vb.sigYRangeChanged.connect(follow)
         for changed in (self.item.vb.sigXRangeChanged, self.item.vb.sigResized):
             changed.connect(self.name_ticks)
         self.item.showGrid(y=True, alpha=0.6)
-        self.item.getAxis("left").setTickDensity(0.6)
         self.setMinimumSize(180, 150)
 
-    def show_chart(self, chart: Chart, logarithmic: bool) -> None:
+    def show_chart(self, chart: Chart) -> None:
         """Another chart, or the same with other trials."""
-        self.chart, self._logarithmic = chart, logarithmic
-        self.title.setText(SHORT.get(chart.title, chart.title))
-        self.figures.show_parts((chart.unit, COLOURS.quiet))
+        self.chart = chart
+        self.title.setText(chart.title)
+        self.figures.show_parts((chart.scale, COLOURS.quiet))
         self.item.clear()
         if chart.boxes:
             self._add_boxes()
@@ -70,8 +72,7 @@ class ChartPlot(Plot):
         self.points.setData([self._spot(point) for point in (*chart.points, *chart.others) if self._fits(point)])
         for marks in (self.points, self.crosses, self.ring):
             self.item.addItem(marks)
-        left, bottom = self.item.getAxis("left"), self.item.getAxis("bottom")
-        left.setTicks([self._decades(chart.highest)] if self._logarithmic else None)
+        bottom = self.item.getAxis("bottom")
         bottom.setLabel(chart.x_title or None)
         bottom.showLabel(bool(chart.x_title))
         self.name_ticks()
@@ -83,7 +84,8 @@ class ChartPlot(Plot):
         axis, ends = self.item.getAxis("bottom"), dict[int, float]()  # of each line of the names so far, px
         (begin, end), named = self.item.viewRange()[0], []
         edge = self.item.vb.width() + 0.5 * theme.SMALL
-        ticks = [(x, SHORT.get(text, text)) for x, text in self.chart.ticks]
+        apart = self.item.vb.width() / (end - begin)
+        ticks = [(x, fitted(text, apart - APART_PX)) for x, text in self.chart.ticks]
         for x, text in ticks:
             middle = (x - begin) / (end - begin) * self.item.vb.width()
             reach = {at: 0.5 * theme.text_width(line, theme.SMALL) for at, line in enumerate(text.split("\n"))}
@@ -91,15 +93,15 @@ class ChartPlot(Plot):
                 ends |= {at: middle + half + APART_PX for at, half in reach.items()}
                 named.append((x, text))
         lines = max((text.count("\n") + 1 for _, text in ticks), default=1)
-        high = lines * (theme.SMALL + 5) + theme.SMALL * bool(self.chart.x_title)
-        axis.setHeight(6 + high)  # pyqtgraph's own changes as it is painted
+        high = lines * (theme.SMALL + 3) + theme.SMALL * bool(self.chart.x_title)
+        axis.setHeight(4 + high)  # pyqtgraph's own changes as it is painted
         axis.resizeEvent()  # else a new title stands where the one before began
         axis.setTicks([named] if named else None)
 
     def show_all(self) -> None:
         low, high = self.chart.lowest, self.chart.highest
         high = high if high > low else 1.0
-        if self._logarithmic:
+        if self.chart.logarithmic:
             least = min((point.y for point in self.chart.points if self._fits(point)), default=0.1)
             low, high = np.log10(0.8 * least), np.log10(1.1 * high)
         self.item.setYRange(low - FOOT * (high - low), low + (high - low) / (1.0 - BAND), padding=0.0)
@@ -117,19 +119,27 @@ class ChartPlot(Plot):
         """The controller's own colour; a code of a blind session has none."""
         return colour_at(self.chart.colours.get(controller))
 
-    def _decades(self, highest: float) -> list[tuple[float, str]]:
-        """Ticks of a logarithmic axis: 1, 2 and 5 times the powers of ten."""
-        least = min((point.y for point in self.chart.points if point.y > 0.0), default=0.1)
-        powers = range(math.floor(math.log10(least)) - 1, math.ceil(math.log10(highest or 1.0)) + 1)
-        values = [digit * 10.0**power for power in powers for digit in (1.0, 2.0, 5.0)]
-        return [(math.log10(value), f"{value:g}") for value in values]
+    def _name_values(self, *_: object) -> None:
+        """Round values along the left axis, whatever part of the scale is seen."""
+        low, high = self.item.viewRange()[1]
+        if self.chart.logarithmic:
+            powers = range(math.floor(low), math.ceil(high) + 1)
+            finer = ([power + math.log10(digit) for power in powers for digit in digits] for digits in DIGITS)
+            seen = ([place for place in places if low <= place <= high] for places in finer)
+            ticks = [(at, f"{10.0**at:.3g}") for at in next((places for places in seen if len(places) >= TICKS), ())]
+        else:
+            decade = 10.0 ** math.floor(math.log10((high - low) / TICKS))
+            step = max(digit * decade for digit in DIGITS[1] if digit * decade * TICKS <= high - low)
+            places = range(math.ceil(low / step), math.floor(high / step) + 1)
+            ticks = [(place * step, f"{place * step:.6g}") for place in places]
+        self.item.getAxis("left").setTicks([ticks])
 
     def _scaled(self, value: Any) -> Any:
         """A value of the chart, or several, where they are on the axis."""
-        return np.log10(value) if self._logarithmic else value
+        return np.log10(value) if self.chart.logarithmic else value
 
     def _fits(self, point: Point) -> bool:
-        return point.y > 0.0 or not self._logarithmic
+        return point.y > 0.0 or not self.chart.logarithmic
 
     def _spot(self, point: Point) -> dict:
         counts = point.row is None or point.row.status in ("done", "timeout")
@@ -153,7 +163,7 @@ class ChartPlot(Plot):
 
     def _add_boxes(self) -> None:
         """All bodies in one item, whiskers and medians in one for each colour: hundreds of boxes cost no more."""
-        boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self._logarithmic]
+        boxes = [at for at in self.chart.boxes if at.box.low > 0.0 or not self.chart.logarithmic]
         ends = [self._scaled(np.array([b.box.low, b.box.q1, b.box.median, b.box.q3, b.box.high])) for b in boxes]
         fill = [body_brush(b.look, self.colour_of(b.controller)) for b in boxes]
         pens = [line(self.colour_of(b.controller)) for b in boxes]
@@ -175,7 +185,7 @@ class ChartPlot(Plot):
 
     def read_at(self, place: QPointF) -> str:
         """The numbers of the box that is there; what a point says stands before them."""
-        value = 10.0 ** place.y() if self._logarithmic else place.y()
+        value = 10.0 ** place.y() if self.chart.logarithmic else place.y()
         for placed in self.chart.boxes:
             box, unit = placed.box, self.chart.unit
             if abs(place.x() - placed.x) <= placed.half and box.q1 <= value <= box.q3:
@@ -191,6 +201,16 @@ class ChartPlot(Plot):
         near = sorted(found, key=lambda mark: (self.item.vb.mapViewToScene(mark.pos()) - at).manhattanLength())
         if near and near[0].data().row is not None and event.button() == Qt.MouseButton.LeftButton:
             self.chosen.emit(near[0].data().row)
+
+
+def fitted(name: str, room: float) -> str:
+    """A controller's name in lines that have room (px); where a word has none, what stands behind its comma."""
+
+    def widest(text: str) -> float:
+        return max(theme.text_width(line, theme.SMALL) for line in text.split("\n"))
+
+    broken = name if widest(name) <= room else name.replace(" ", "\n", 1)
+    return broken if widest(broken) <= room else name.replace("\n", " ").rpartition(", ")[2].capitalize()
 
 
 def symbol_of(row: TrialRow | None) -> str:

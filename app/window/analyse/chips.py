@@ -36,7 +36,7 @@ class Chips(QWidget):
             return
         left_out = (self.chips.keys() - self.chosen) | (set(off) - self.chips.keys())
         self.menu = None
-        self.setVisible(bool(names))
+        self.setVisible(len(names) > 1)  # of one there is no choice
         clear(self._row)
         self.chips = {
             choice: toggle(name, partial(self._switch, {choice}), choice not in left_out)

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from app.window.widgets import theme
 from app.window.widgets.parts import OneLine
 from app.window.widgets.plots import Plot, line
-from app.window.widgets.theme import COLOURS, colour_at
+from app.window.widgets.theme import colour_at
 from experiments.analysis.charts import View
 from experiments.analysis.error_against_force import (
     ERROR,
@@ -26,8 +26,9 @@ from experiments.analysis.error_against_force import (
 from experiments.analysis.trials_table import Trials
 
 CIRCLE_PX = 22.0  # the largest diameter
-HEAD = f"Error ({ERROR.shown_unit}) against force ({FORCE.shown_unit})"
-ABOUT = "A circle's area is the DFT of acceleration. Each line across halves the error. Best: low and left."
+HEAD = f"Error ({ERROR.shown_unit}, log scale) against force ({FORCE.shown_unit})"
+ABOUT = "Best: low and left. Each line across halves the error."
+GLASS = 0.4  # of its colour, a filled circle: what lies under it is seen
 
 
 class ForcePlot(Plot):
@@ -35,8 +36,7 @@ class ForcePlot(Plot):
 
     def __init__(self) -> None:
         super().__init__(OneLine(HEAD, "", theme.NORMAL, bold=True))
-        self.head.setStretch(0, 3)
-        self.head.setStretch(1, 2)
+        self.figures.hide()
         self.title.setToolTip(ABOUT)
         self.marks: list[Mark] = []
         self.circles = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: data)
@@ -48,28 +48,34 @@ class ForcePlot(Plot):
         """The marks of these trials."""
         self.marks = marks_of(trials, view)
         self._largest = largest_smoothness(self.marks)
-        size = f"Circle: DFT, up to {self._largest:.3g} {SMOOTHNESS.shown_unit}" if self._largest else ""
-        self.figures.show_parts((size, COLOURS.quiet))
         self.item.clear()
-        colours = [colour_at(view.colours.get(mark.controller)) for mark in self.marks]
+        large_first = sorted(self.marks, key=lambda mark: -diameter(mark.smoothness, self._largest))
         for first, second in joined(self.marks):
             colour = colour_at(view.colours.get(first.controller))
             ends = zip(*((m.force.median, math.log2(m.error.median)) for m in (first, second)), strict=True)
             self.item.plot(*map(list, ends), pen=line(colour, style=Qt.PenStyle.DotLine))
-        for mark, colour in zip(self.marks, colours, strict=True):
+        for mark in self.marks:
             x, y = self._quartiles(mark)
+            colour = colour_at(view.colours.get(mark.controller))
             self.item.addItem(pg.PlotCurveItem(x, y, pen=line(colour), connect="pairs"))
         self.circles.setData([
             {
                 "pos": (mark.force.median, math.log2(mark.error.median)),
                 "data": f"{view.name(mark.controller)}, {mark.text}",
                 "size": CIRCLE_PX * diameter(mark.smoothness, self._largest), "pen": line(colour, 2),
-                "brush": theme.shade(COLOURS.panel if mark.look else colour),
+                "brush": theme.shade(colour, 0.0 if mark.look else GLASS),
             }
-            for mark, colour in zip(self.marks, colours, strict=True)
+            for mark in large_first
+            for colour in (colour_at(view.colours.get(mark.controller)),)
         ])  # fmt: skip
         self.item.addItem(self.circles)
         self.show_all()
+
+    def meaning(self) -> str:
+        """What its marks say, in short."""
+        area = f"; area: {SMOOTHNESS.title}, up to {self._largest:.3g} {SMOOTHNESS.shown_unit}" if self._largest else ""
+        joins = " Dotted: the devices of one controller." if joined(self.marks) else ""
+        return f"Error against force: median, cross of quartiles{area}.{joins}" if self.marks else ""
 
     def _quartiles(self, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Two lines: of force, and of the error as far as it is on the axis."""

@@ -24,7 +24,7 @@ from app.window.widgets.own_code import ask_own_code
 from app.window.widgets.parts import Choice, OneLine, Panel, button, column, row, text_label, wrapped_label
 from app.window.widgets.plots import NOTHING, start_of_hold
 from app.window.widgets.theme import COLOURS, colour_at
-from app.window.widgets.words import SHORT, in_colour
+from app.window.widgets.words import in_colour
 from app.window.widgets.work import BackgroundTask, VerbProcess
 from core import tick_log
 from core.files import InputError
@@ -47,7 +47,7 @@ Values = Mapping[str, float | None]  # measure -> value
 
 def measures_table(recorded: Values, beside: Values | None = None) -> str:
     """The measures of a trial, and below them those of its hand through another controller, which has a line anyway."""
-    lines = [(COLOURS.quiet, ["", *(SHORT.get(metric.title, metric.title) for metric in MEASURES)])]
+    lines = [(COLOURS.quiet, ["", *(metric.title for metric in MEASURES)])]
     for colour, name, values in ((COLOURS.text, "recorded", recorded), (BESIDE, "compared", beside)):
         shown = [values.get(metric.name) for metric in MEASURES] if values is not None else []
         cells = [
@@ -173,7 +173,7 @@ class TrialView(Panel):
         self._show_beside(None)
         self.beside.fill({0: COMPARE, **({} if trial.blind else trial.controllers)}, 0)
         self.beside.setEnabled(self.beside.count() > 1)
-        self.go_to(float(trial.t[start_of_hold(trial.ticks)]))
+        self.go_to(float(trial.t[-1]))  # all of its way is seen
 
     def show_row(self, row: TrialRow, name: str, colour: str) -> None:
         """A trial is being read, or has no recording: row, name and colour of its controller are all there is."""
@@ -208,7 +208,7 @@ class TrialView(Panel):
             self._stop()
             return
         if self._over:
-            self.go_to(0.0)
+            self.go_to(float(self.trial.t[start_of_hold(self.trial.ticks)]))
         self._clock_s = time.perf_counter()
         self._timer.start(FRAME_MS)
         self._show_playing()

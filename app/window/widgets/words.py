@@ -64,12 +64,6 @@ LACKING = "Without a result: aborted (×), skipped (–) or excluded (e)"
 #: status of a trial, in the tables -> on the screen
 STATUS_WORDS = {"timeout": "time was up", "redone": "repeated", "stopped": "cut short"}
 
-#: Short names of Table I's controllers; others stand as the protocol has them.
-SHORT = {
-    "SDOF with gap": "SDOF\nwith gap", "Proportional,\nhigh gain": "Prop.\nhigh gain",
-    "Proportional,\nlow gain": "Prop.\nlow gain",
-}  # fmt: skip
-
 
 def server_died(last: m.Snapshot, plan: Sequence[PlannedTrial] = ()) -> str:
     """What a session server that is gone leaves behind. last: the newest that it has sent; plan: of its session."""
@@ -242,13 +236,14 @@ def hand_is_mouse(opened: m.Opened | None) -> bool:
 
 def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
     """What a controller feels like among those of its protocol."""
-    gap, gain = 1e3 * preset.value("gap_m"), preset.value(GAIN)
+    gap, gain = preset.value("gap_m"), preset.value(GAIN)
+    free = f"{1e3 * gap:g} mm free to each side"
     gains = [preset.value(GAIN) for preset in controllers.values() if preset.kind == "proportional"]
     if preset.kind == "none":
-        return "the handle moves freely"
+        return "no control: only the brakes' own drag"
     if preset.kind == "sdof":
-        return f"rails with {gap:g} mm of slack" if gap else "as on rails"
+        return f"on rails, {free}" if gap else "as on rails"
     if preset.kind == "proportional":
         name = "a strong guide" if gain >= max(gains) else "a weak guide" if gain <= min(gains) else "a guide"
-        return f"{name} with {gap:g} mm of slack" if gap else name
+        return f"{name}, {free}" if gap else name
     return preset.words
