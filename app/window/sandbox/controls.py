@@ -22,6 +22,7 @@ from app.window.widgets.parts import (
     button,
     column,
     holder,
+    keep_room,
     panel,
     row,
     text_label,
@@ -41,7 +42,7 @@ HINTS = {
     "Settled: the same rules with thresholds against that.",
     "sensing": "What the controller sees. Ideal: the true motion. Encoders, as on the bench: joint angles by their "
     "counts, the velocity as the slope over the last 15 ms, all of it 1 ms late.",
-    "gap_m": "So far from the path nothing guides.",
+    "gap_m": "Up to this distance from the path, to each side, nothing guides.",
     "gain_N_s_m": "How much the brakes brake for each m/s across the desired direction.",
     "blend_width_m": "From this distance on you are guided straight to the path; nearer, more and more along it.",
     "spring_N_m": "How stiff the spring is by which the pointer pulls the handle.",
@@ -49,7 +50,8 @@ HINTS = {
     "backlash_deg": "So far a joint turns freely before its brake grips.",
 }
 REAL = "Real brakes: what you change acts in the next pass, and each pass waits for Space."
-MORE, LESS = "More  ›", "Less  ˄"
+GAP = "gap_m"
+MORE, LESS = "More  ▾", "Less  ▴"
 
 
 def preset_of(s: m.SandboxSettings, controllers: Mapping[int, Preset]) -> Preset:
@@ -114,6 +116,7 @@ class Controls(QScrollArea):
         self.changes = OneLine("", "quiet", theme.SMALL)
         hint = "All of these as the protocol has them, for this controller, device and path"
         self.reset = button("Reset", self._reset, "small", hint)
+        keep_room(self.reset)
         self.more, self.rare = button(MORE, self._turn_more, "link"), holder(column(*rare, spacing=6))
         self.rare.hide()
         foot = row(self.more, self.changes, self.reset)
@@ -182,7 +185,8 @@ class Controls(QScrollArea):
         own = preset_of(s, self._controllers).named
         for name, dial in self.dials.items():
             dial.show_value(dial.dial.setting(s))
-            dial.setEnabled(name not in now.fixed and (name in own or name not in s.values))
+            has_it = name not in s.values or (name in own and not (name == GAP and self._has_gap_beside(s.controller)))
+            dial.setEnabled(name not in now.fixed and has_it)
         weak = own.get(GAIN, math.inf) < now.least_gain_N_s_m
         drag = f"At {grouped(own.get(GAIN, 0.0))} N s/m the brakes' own drag is larger: you will feel nothing."
         self.warning.setText(drag if weak else REAL if now.by_start else "")
@@ -193,9 +197,15 @@ class Controls(QScrollArea):
             row.dial.label.lower() for row in self.dials.values() if row.dial.setting(s) != row.dial.setting(first)
         ]
         self.changes.setText(f"Changed: {PART.join(changed)}" if changed else "")
-        self.reset.setEnabled(bool(changed))
+        self.reset.setVisible(bool(changed))
+
+    def _has_gap_beside(self, number: int) -> bool:
+        """Whether a controller without a gap is in the protocol with one, too: its gap is set there, by its name."""
+        preset = self._controllers[number]
+        others = (other for other in self._controllers.values() if other.kind == preset.kind and other.value(GAP))
+        return not preset.value(GAP) and any(others)
 
     @property
     def gap_m(self) -> float:
         """The half-width of the band without control, as it is set."""
-        return preset_of(self.settings, self._controllers).value("gap_m") if self.settings is not None else 0.0
+        return preset_of(self.settings, self._controllers).value(GAP) if self.settings is not None else 0.0

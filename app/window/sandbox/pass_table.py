@@ -11,8 +11,9 @@ from app.ipc import messages as m
 from app.window.sandbox.passes import about, rows_of
 from app.window.widgets import theme
 from app.window.widgets.parts import NO_FOCUS
+from app.window.widgets.plots import NOTHING
 from app.window.widgets.theme import COLOURS
-from app.window.widgets.words import measured
+from app.window.widgets.words import STATUS_WORDS, measured
 from experiments.protocol import Protocol
 
 #: of a Pass: measure, head, unit, scale
@@ -21,8 +22,9 @@ MEASURES = (
     ("mean_tip_force_N", "Mean tip force", "N", 1.0),
     ("acceleration_dft_sum", "DFT of acceleration", "m/s²", 1.0),
 )
+LATE = STATUS_WORDS["timeout"]
 FIXED = ("", "Controller", "Setting", "Path")
-ROWS, ROW_PX, HEAD_PX = 10, 23, 40  # that are seen; high
+ROWS, ROW_PX, HEAD_PX = (3, 6, 10), 23, 40  # that there is room for, as they come; high
 #: px wide: a dot, a path's number, a measure at most (or its head), beside a text; of the room: name at most, measures
 DOT_PX, PATH_PX, MOST_PX, BESIDE_PX, NAME_SHARE, MEASURED_SHARE = 20, 42, 120, 6, 0.65, 0.6
 NAMED_PX = 230  # for name and setting at least
@@ -92,7 +94,6 @@ class PassTable(QTableWidget):
         self.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
         self.setFocusPolicy(NO_FOCUS)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setMinimumHeight(HEAD_PX + ROWS * ROW_PX)
         self.setFont(theme.font(theme.NORMAL))
         theme.follow(self._colour)
 
@@ -133,9 +134,9 @@ class PassTable(QTableWidget):
         rows = rows_of(passes, protocol)
         self.setRowCount(len(rows))
         for down, row in enumerate(rows):
-            texts = ["●", row.name, row.setting, str(row.path)]
+            texts = ["●", row.name, row.setting or NOTHING, str(row.path)]
             cells = [
-                (shown(row.passes.get(device), *measure), row.passes.get(device))
+                (shown(row.passes.get(device), row.late, *measure), row.passes.get(device))
                 for measure in MEASURES
                 for device in devices
             ]
@@ -145,6 +146,8 @@ class PassTable(QTableWidget):
                 item.setToolTip(about(ended, protocol) if ended is not None else "Not tried yet")
                 if across >= len(FIXED) - 1:
                     item.setTextAlignment(RIGHT)
+                if text == LATE:
+                    item.setFont(theme.font(theme.SMALL))
                 if across == 0:
                     item.setForeground(theme.shade(theme.colour_of(row.controller, protocol.controllers)))
                 elif across in (2, 3) or ended is None:
@@ -152,10 +155,13 @@ class PassTable(QTableWidget):
                 if down == 0:  # the newest pass
                     item.setBackground(theme.shade(COLOURS.field))
                 self.setItem(down, across, item)
+        self.setFixedHeight(HEAD_PX + ROW_PX * next((room for room in ROWS if room >= len(rows)), ROWS[-1]))
         self._fit()
 
 
-def shown(ended: m.Pass | None, measure: str, _head: str, _unit: str, scale: float) -> str:
-    """A measure of a pass; a dash: not tried yet, or not known."""
+def shown(ended: m.Pass | None, late: bool, measure: str, _head: str, _unit: str, scale: float) -> str:
+    """A measure of a pass; a dash: not tried yet, or not known. late: it has none that can be compared."""
+    if late:
+        return LATE if ended is not None and measure == MEASURES[0][0] else NOTHING
     value = ended.measures[measure] if ended is not None else None
     return measured(None if value is None else scale * value)

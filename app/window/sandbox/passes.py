@@ -17,6 +17,7 @@ class SettingRow(NamedTuple):
     name: str
     setting: str  # what the controller's parameters are, and what else differs from the protocol
     path: int
+    late: bool  # the time was up: its measures are of another part of the path
     passes: dict[str, m.Pass]  # device -> its newest pass
 
 
@@ -26,7 +27,8 @@ def rows_of(passes: Sequence[m.Pass], protocol: Protocol) -> list[SettingRow]:
     for ended in reversed(passes):
         s = ended.settings
         setting, name = setting_of(ended, protocol), protocol.controllers[s.controller].name
-        row = rows.setdefault((s.controller, setting, s.path), SettingRow(s.controller, name, setting, s.path, {}))
+        row = SettingRow(s.controller, name, setting, s.path, ended.status == "timeout", {})
+        row = rows.setdefault(row[:-1], row)
         row.passes.setdefault(s.device, ended)
     return list(rows.values())
 
@@ -43,7 +45,6 @@ def setting_of(ended: m.Pass, protocol: Protocol) -> str:
     parts += [f"{getattr(s, name)} {name}" for name in ("rules", "sensing")
               if getattr(s, name) != getattr(ended.initial, name)]  # fmt: skip
     parts += ["changed on the way"] if ended.changed else []
-    parts += ["time-out"] if ended.status == "timeout" else []
     return ", ".join(parts)
 
 

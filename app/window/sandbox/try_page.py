@@ -16,7 +16,18 @@ from app.window.sandbox.pass_view import GAP, LAYERS, PassView
 from app.window.widgets import theme, words
 from app.window.widgets.keys import add_key
 from app.window.widgets.page import Page
-from app.window.widgets.parts import NO_FOCUS, Figures, OneLine, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import (
+    NO_FOCUS,
+    Figures,
+    OneLine,
+    Panel,
+    button,
+    column,
+    keep_room,
+    row,
+    text_label,
+    wrapped_label,
+)
 from app.window.widgets.theme import COLOURS
 from app.window.widgets.words import PREPARING, Shown
 from core import tick_log
@@ -25,9 +36,11 @@ from experiments.protocol import Protocol
 FIGURE, WIDEST_FIGURE = 22, "888.8 mm"  # px, of a figure; a longer one is written smaller
 BESIDE_PX = 130  # of the page, beside and between head, figures and controls
 SEND_MS = 40  # a slider that is dragged sends its newest value so often
-BACK = Shown("Back to the start", "The next pass begins in the green circle")
+BACK = Shown("Pass over", "The next one begins in the green circle")
+GRASP = " (the grey disc)"  # behind what is to be touched
 AWAY = Shown("Out of sight", "The arrow points to the handle; B brings it back to the start")
-NO_PASS = "No pass yet: each setting gets a row here, its devices side by side"
+NO_PASS = "Each setting gets a row, its devices side by side"
+JERK = "With a mouse, the pointer's own jerks are part of every DFT of acceleration, without control too"
 READY = Shown("Ready", "Space starts a pass")
 IN_SESSION = Shown("A session is open", "Close it on the Run page, then try things out here")
 
@@ -52,8 +65,8 @@ class TryPage(Page):
         self.error, self.force, self.time = (Figures(FIGURE, bold=True) for _ in range(3))
         self.notice = OneLine("", "quiet", theme.NORMAL)
         self.start = button("Start a pass  Space", self._start, "main")
-        back = "The handle to the start, from wherever it is"
-        self.bring = button("Back to the start  B", lambda: send(m.BringBack()), "small", back)
+        back = "From wherever it is"
+        self.bring = button("Handle to the start  B", lambda: send(m.BringBack()), "small", back)
         self.bring.setFocusPolicy(NO_FOCUS)
         add_key("B", self, self.bring.click)
         self.clear = button("Clear", self._clear, "link")
@@ -91,8 +104,9 @@ class TryPage(Page):
         left = column((self.workspace, 1), passes, spacing=theme.GAP)
         self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
         self.start.hide()
-        for pressed in (self.bring, self.clear):  # until the server has answered
-            pressed.setEnabled(False)
+        self.bring.setEnabled(False)  # until the server has answered
+        keep_room(self.clear)
+        self.clear.hide()
         self._show_status(PREPARING)
         self._clear_figures()
 
@@ -173,7 +187,8 @@ class TryPage(Page):
             return
         now = snapshot.sandbox
         elsewhere = self.opened.participant or snapshot.brakes_off  # Run or the banner says it
-        self.notice.setText("" if elsewhere else snapshot.notice or (NO_PASS if now and not now.passes else ""))
+        about = (JERK if words.hand_is_mouse(self.opened) else "") if now and now.passes else NO_PASS if now else ""
+        self.notice.setText("" if elsewhere else snapshot.notice or about)
         theme.set_style(self.notice, "bad" if snapshot.notice_bad else "quiet")
         self.start.setVisible(now is not None and now.by_start)
         self.start.setEnabled(snapshot.running is None and not snapshot.brakes_off)
@@ -234,13 +249,17 @@ class TryPage(Page):
         self.canvas.add(rows, taken if by_pointer else None)
         held = taken or not by_pointer
         said = BACK if phase == tick_log.END else words.moving(phase, held, words.language_of(self.opened))
-        self._show_status(said if held or self.canvas.handle_seen else AWAY)
+        if not held:
+            said = said._replace(small=f"{said.small}{GRASP}") if self.canvas.handle_seen else AWAY
+        self._show_status(said)
         if not self._reading.due(float(now[tick_log.T])):
             return
         self.canvas.refresh_text()
         force_N = math.hypot(now[tick_log.HAND_FX], now[tick_log.HAND_FY])
         self.force.show_parts((f"{force_N:.1f} N", COLOURS.text))
-        if phase == tick_log.MOVE:
+        if phase in (tick_log.APPROACH, tick_log.HOLD):
+            self._clear_figures(self.error, self.time)  # of the pass before
+        elif phase == tick_log.MOVE:
             self.time.show_parts((f"{now[tick_log.T] - self.canvas.began_s:.1f} s", COLOURS.text))
             if math.isfinite(now[tick_log.PATH_DISTANCE]):
                 self.error.show_parts((f"{1e3 * abs(now[tick_log.PATH_DISTANCE]):.1f} mm", COLOURS.text))
@@ -252,8 +271,8 @@ class TryPage(Page):
         self.large.show_parts((shown.large, COLOURS.text))
         self.small.setText(shown.small)
 
-    def _clear_figures(self) -> None:
-        for figure in (self.error, self.force, self.time):
+    def _clear_figures(self, *figures: Figures) -> None:
+        for figure in figures or (self.error, self.force, self.time):
             figure.show_parts(("–", COLOURS.text))
 
     def _show_passes(self) -> None:
@@ -261,4 +280,4 @@ class TryPage(Page):
         shown = [ended for ended in now.passes if ended.number > self._cleared] if now is not None else []
         if now is not None and self.opened is not None:
             self.table.show_passes(shown, self.opened.protocol)
-        self.clear.setEnabled(bool(shown))
+        self.clear.setVisible(bool(shown))
