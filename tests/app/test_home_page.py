@@ -24,7 +24,7 @@ from experiments.store.overview import DataOverview, SessionOverview
 from hardware.discovery import BoardFound
 
 FORM = '\n[form]\nhandedness = ["right", "left"]\nage = "number"\n'
-SUMMARY = "The experiment of the paper. 2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20\u00a0min"
+SUMMARY = "The experiment of the paper\n2 devices × 5 controllers × 2 paths × 3 = 60 trials, about 20\u00a0min"
 
 
 class Shown(PageDriver):
@@ -83,7 +83,7 @@ OPEN_01 = {"start": "Go to the session   01", "sends": [], "open": "01", "sessio
 IN_SESSION = "The session of 01 is open: close it"
 STUDY = "holds a study of 3 simulated operators"
 HOME = {
-    "new": Seen(f"{SUMMARY} | No sessions yet | new", NEW, [m.Open("01")]),
+    "new": Seen(f"{SUMMARY} | No sessions yet | new participant", NEW, [m.Open("01")]),
     "red": Seen(" | ".join(check.advice for check in RED if check.advice), NEW, said=before(checks=RED)),
     "waiting": Seen("connecting … The board is being reached.", NEW,
                     said=before(checks=(m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))),
@@ -91,7 +91,7 @@ HOME = {
     "refused": Seen("participant 01: exists already", NEW, [m.Open("01")],
                     before(notice="participant 01: exists already", notice_bad=True)),
     "too long": Seen("at most 20 characters, not 21", f"Start session   {21 * 'x'} · 60 trials", typed=21 * "x"),
-    "with blanks": Seen("new", "Start session   07 · 60 trials", [m.Open("07")], typed=" 07 "),
+    "with blanks": Seen("new participant", "Start session   07 · 60 trials", [m.Open("07")], typed=" 07 "),
     "a study": Seen(
         f"Study of 3 simulated operators · 3 sessions · 180 of 180 trials | 60 of 60 | {STUDY}",
         "Start session   04 · 60 trials", sessions=(("03", 60), ("02", 60), ("01", 60)), operators=3, typed="04",
@@ -149,9 +149,10 @@ def test_each_session_of_the_folder_leads_to_what_comes_of_it(shown: Shown) -> N
         shown.until(lambda: bool(found()))
         shown.click(found()[0])
 
-    for text in ("Resume", "Results", "Results of all"):
-        press(text, begun, done)
-    assert shown.sent == [m.Open("02", resume=True)] and "Opening …" in shown.texts()
+    earlier = session(folder, "03", 5)
+    for text in ("Resume", "Results", "All results"):
+        press(text, begun, done, earlier)
+    assert shown.sent == [m.Open("03", resume=True)] and "Opening …" in shown.texts()
     assert shown.pages == [(ANALYSE, done.folder), (ANALYSE, folder)]
     page.show_snapshot(before(notice="refused", notice_bad=True))
     shown.type(page.participant, "02")
@@ -164,6 +165,7 @@ def test_each_session_of_the_folder_leads_to_what_comes_of_it(shown: Shown) -> N
 
 def test_another_choice_starts_another_session_server_only_when_the_session_starts(shown: Shown) -> None:
     page = shown.page
+    assert page.devices.isHidden() and page.hand.isHidden(), "what is as usual is behind More"
     shown.click(page.more)
     page.protocol.setCurrentIndex(page.protocol.findText("Displays"))
     page.protocol.activated.emit(page.protocol.currentIndex())
@@ -173,6 +175,8 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     page.devices.activated.emit(page.devices.currentIndex())
     shown.wait()
     assert "1 device × " in page.summary.text()
+    shown.click(page.more)
+    assert "no person is needed" in shown.texts() and not page.devices.isHidden()
     assert not page.blind.isEnabled() and not page.blind.isChecked()  # there is nobody to be blind
     assert shown.setups == [] == shown.sent
     page.show_snapshot(before(checks=(GREEN[0], m.Check("Hand", m.BAD, "no six-axis device"), *GREEN[2:])))

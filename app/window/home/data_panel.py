@@ -76,12 +76,12 @@ class DataPanel(Panel):
         super().__init__()
         self._page = page
         self.overview: DataOverview | None = None  # None: not looked at yet
-        self._doing = Doing()
+        self._doing, self._next = Doing(), ""  # whose session the large button resumes
         self._folder = Path()  # until the session server says which
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
         self.count = wrapped_label("", "quiet")
-        self.whole = button("Results of all", lambda: self._page.page_asked.emit(ANALYSE, self._folder))
+        self.whole = button("All results", lambda: self._page.page_asked.emit(ANALYSE, self._folder))
         self.export_as = QPushButton("Export …", autoDefault=True)
         self.export_as.setMenu(forms := QMenu(self.export_as))
         for form, name in FORMS.items():
@@ -117,6 +117,12 @@ class DataPanel(Panel):
             self._doing = doing
             self._fill()
 
+    def show_next(self, participant: str) -> None:
+        """Whose session another button of the page resumes."""
+        if participant != self._next:
+            self._next = participant
+            self._fill()
+
     def session_of(self, participant: str) -> SessionOverview | None:
         sessions = self.overview.sessions if self.overview else ()
         return next((session for session in sessions if session.participant == participant), None)
@@ -138,8 +144,9 @@ class DataPanel(Panel):
         else:
             kind = f"Study of {counted(overview.operators, 'simulated operator')}" if overview.operators else ""
             trials = f"{overview.done} of {counted(overview.planned, 'trial')}"
-            parts = (kind, counted(len(sessions), "session"), trials) if sessions else ()
+            parts = (kind, counted(len(sessions), "session"), trials) if len(sessions) > 1 else ()  # its row says it
             self.count.setText(" · ".join(filter(None, parts)))
+        self.count.setVisible(bool(self.count.text()))
         self.whole.setVisible(overview.done > 0)
         self.export_as.setVisible(overview.done > 0)
         self.export_as.setEnabled(not self.export_task.busy)
@@ -166,6 +173,7 @@ class DataPanel(Panel):
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "link")
             main.setEnabled(self._can_open(session))
             main.setToolTip(self._doing.why_not)
+            main.setVisible(session.participant != self._next)
         if session.participant == self._doing.opening:
             show_wait(main, "Opening …")
         done = text_label(f"{session.done} of {session.planned}")

@@ -9,14 +9,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QFileDialog, QLineEdit, QSizePolicy, QWidget
+from PySide6.QtWidgets import QFileDialog, QLineEdit, QScrollArea, QSizePolicy, QWidget
 
 from app.ipc import messages as m
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Doing, Recent
-from app.window.home.next_panel import GO, RESUME, TRY, NextPanel, what_comes_next
+from app.window.home.next_panel import GO, MAIN_PX, RESUME, TRY, NextPanel, what_comes_next
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
 from app.window.home.start import (
@@ -29,6 +29,7 @@ from app.window.home.start import (
     start_blockers,
     start_text,
     summary_of,
+    title_of,
 )
 from app.window.home.try_panel import DevicePicture, TryLine
 from app.window.participant.consent_page import ConsentPage
@@ -53,7 +54,6 @@ from app.window.widgets.parts import (
     panel,
     printed,
     row,
-    scrolled,
     show_wait,
     stack,
     tab_stops,
@@ -71,12 +71,30 @@ from experiments.store.files import session_folder
 LINE_PX = 32  # high, a line of the form at most
 BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
 SESSION_PX = 760  # wide at most: choices are no easier to read when they are wider
-NEXT_PX = 156  # high, what comes next
-PLAN, NO_PLAN, MORE, LESS = "Show plan  ›", "Hide plan  ‹", "More  ›", "Less  ˄"
+PLAN, NO_PLAN, MORE, LESS = "Show plan  ▾", "Hide plan  ▴", "More  ▾", "Less  ▴"
 CONSENT = "consent"  # what the card of the window asks
 SIMULATED, BOARD = "Simulated", "Board"
 FILE, AS_PROTOCOL = "A file …", "As the protocol says"
 HANDS = {name: INPUTS[name].title for name in CHOICES}
+
+
+class FormArea(QScrollArea):
+    """A form that is as high as what it asks for, and scrolls where there is no room."""
+
+    def __init__(self, inside: QWidget) -> None:
+        super().__init__(widgetResizable=True, focusPolicy=NO_FOCUS)
+        inside.setObjectName("clear")
+        self.viewport().setObjectName("clear")
+        self.setWidget(inside)
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+
+    def sizeHint(self) -> QSize:
+        return QSize(super().sizeHint().width(), self.widget().heightForWidth(self.viewport().width()))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self.widget() and event.type() in (QEvent.Type.LayoutRequest, QEvent.Type.Resize):
+            self.updateGeometry()
+        return super().eventFilter(watched, event)
 
 
 class HomePage(Page):
@@ -110,7 +128,7 @@ class HomePage(Page):
         self.summary, self.hand_words = wrapped_label("", "quiet"), wrapped_label("", "quiet")
         self.summary.setMinimumHeight(2 * self.summary.fontMetrics().lineSpacing())  # of what comes: nothing moves then
         self.edit = button("Edit", self._edit)
-        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD}, "Device")
+        self.link = Segments({SIMULATED: SIMULATED, BOARD: BOARD}, "Run on")
         self.link.changed.connect(self._link_chosen)
         self.ports = BoardPorts(self)
         self.ports.connect_asked.connect(self._connect)
@@ -120,7 +138,7 @@ class HomePage(Page):
         self.participant = QLineEdit(accessibleName="Participant", maximumWidth=150)
         self.participant.textEdited.connect(self._participant_typed)
         self.participant.returnPressed.connect(self._start)
-        self.standing = text_label("", "quiet")  # "new", "14 of 60 done"
+        self.standing = text_label("", "quiet")  # "new participant", "14 of 60 done"
         self.blind = Tick("Hide controller names")
         self.blind.toggled.connect(self._ask_plan)
         self.plan = printed("No plan")
@@ -135,22 +153,22 @@ class HomePage(Page):
         self.next, self.picture, self.tried = NextPanel(self._do_next), DevicePicture(), TryLine(self)
         choices = grid(12, 9, stretched=1)
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
-            ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()), ("Device", self.link, ()),
+            ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()), ("Run on", self.link, ()),
             ("", self.ports, ()), ("Participant", self.participant, ((self.standing, 1),)), ("", self.form, ()),
-            ("Model", self.devices, ()), ("Hand", self.hand, ((self.hand_words, 1),)), ("Blind", self.blind, ()),
+            ("Device", self.devices, ()), ("Hand", self.hand, ((self.hand_words, 1),)), ("Blind", self.blind, ()),
         )  # fmt: skip
-        self.rare: list[QWidget] = [self.devices, self.hand, self.hand_words, self.blind]  # behind *More*
+        #: behind *More*, while they are as usual: each with its name and what stands beside it
+        self.rare: dict[QWidget, list[QWidget]] = {self.devices: [], self.hand: [self.hand_words], self.blind: []}
         for place, (name, first, others) in enumerate(lines):
             if name:
                 label = text_label(name, "quiet")
                 label.setBuddy(first)
                 label.setMinimumHeight(min(first.sizeHint().height(), LINE_PX))  # level with what it names
                 choices.addWidget(label, place, 0, Qt.AlignmentFlag.AlignTop)
-                self.rare += [label] if first in self.rare else []
+                self.rare.get(first, []).append(label)
             choices.addLayout(row(first, *others), place, 1)
         choices.setRowStretch(choices.rowCount(), 1)
-        self.area = scrolled(holder(choices))
-        self.area.setFocusPolicy(NO_FOCUS)
+        self.area = FormArea(holder(choices))
 
         def leave_room(_: int, low: int) -> None:
             """The form is as wide with a scroll bar as without one."""
@@ -158,15 +176,17 @@ class HomePage(Page):
 
         self.area.verticalScrollBar().rangeChanged.connect(leave_room)
         leave_room(0, 0)
-        self.start.setMinimumHeight(40)
+        self.start.setFont(theme.font(theme.TITLE, bold=True))
+        self.start.setMinimumHeight(MAIN_PX[1])
         buttons = row(self.start, 1, self.show_plan, self.more)
-        foot = column(self.checks, self.why, buttons, spacing=8, margins=(0, 0, BESIDE_PX, 0))
+        foot = column(self.checks, self.why, buttons, spacing=10, margins=(0, 4, BESIDE_PX, 0))
         left, top, right, low = PANEL_MARGINS
-        self.session = panel("Session", (self.area, 1), foot, margins=(left, top, right - BESIDE_PX, low))
-        self.next.setFixedHeight(NEXT_PX)
-        beside = holder(column((self.picture, 3), (self.data, 3), self.tried, spacing=theme.GAP))
-        planned = panel("Plan", (self.plan, 1))
-        self.side = stack(beside, planned)
+        self.session = panel("Session", self.area, foot, 1, margins=(left, top, right - BESIDE_PX, low))
+        self.next.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self.planned = panel("Plan", (self.plan, 1))
+        self.planned.hide()
+        beside = (self.picture, 3), (self.planned, 4), (self.data, 3)
+        self.side = holder(column(*beside, self.tried, spacing=theme.GAP))
         doing = holder(column(self.next, (self.session, 1), spacing=theme.GAP))
         doing.setMaximumWidth(SESSION_PX)
         for part in (doing, self.side):
@@ -183,9 +203,10 @@ class HomePage(Page):
         self._refresh()
 
     def _turn_plan(self) -> None:
-        """Show the participant's plan in place of the data, or the data again."""
-        self.side.setCurrentIndex(1 - self.side.currentIndex())
-        self.show_plan.setText(NO_PLAN if self.side.currentIndex() else PLAN)
+        """Show the participant's plan above the data, or hide it."""
+        self.planned.setVisible(self.planned.isHidden())
+        self.show_plan.setText(PLAN if self.planned.isHidden() else NO_PLAN)
+        self._refresh()
 
     def _do_next(self) -> None:
         coming = what_comes_next(self.data.overview, self._session_open)
@@ -267,9 +288,10 @@ class HomePage(Page):
         """The paper's protocol, files that were used last and the chosen one; the others are rare."""
         said, chosen = shipped_protocols(), self.chosen.protocol
         shown = {name: name.capitalize() for name in said if name in (PAPER, chosen) or self.more.text() == LESS}
-        files = {path: Path(path).name for path in (chosen, *self._recent.paths) if path not in said}
+        files = {path: title_of(path) for path in (chosen, *self._recent.paths) if path not in said}
         self.protocol.fill({**shown, **files, "": FILE}, chosen)
-        self.protocol.say(said)
+        self.protocol.say({**said, **{path: path for path in files}})
+        self.protocol.setToolTip(chosen if chosen in files else "")
 
     def _choose(self, **changes: Any) -> None:
         """Another choice; it takes effect when a session starts."""
@@ -375,7 +397,12 @@ class HomePage(Page):
     def _checks(self) -> tuple[m.Check, ...]:
         """The checks of what was chosen: device and hand of another session server are not looked at yet."""
         other = not self._same_setup or self._no_board
-        return tuple(c for c in self.snapshot.checks if not (other and c.name in ("Device", "Hand", m.FORCE_SENSOR)))
+        others = ("Device", "Hand", m.FORCE_SENSOR) if other else ()
+        late = self.snapshot.running is None  # the header says so, too: here it matters to no trial
+        return tuple(
+            c for c in self.snapshot.checks
+            if c.name not in others and not (late and c.name == "Loop" and c.state == m.CAUTION)
+        )  # fmt: skip
 
     @property
     def _asks_a_person(self) -> bool:
@@ -420,9 +447,11 @@ class HomePage(Page):
         """One button is the main one: what comes next, else the start of a session."""
         coming = what_comes_next(self.data.overview, is_open)
         self.next.show_next(coming, why_not, self._opening)
-        self.picture.setVisible(coming.first)
-        self.tried.setVisible(coming.kind != TRY)
-        theme.set_style(self.start, "main" if coming.kind == TRY and not coming.first else "")
+        self.next.setVisible(coming.first or coming.kind != TRY)
+        self.picture.setVisible(coming.first and self.planned.isHidden())
+        self.tried.setVisible(not coming.first)
+        self.data.show_next(coming.participant)
+        theme.set_style(self.start, "" if self.next.isVisibleTo(self) else "main")
 
     def _show_start(self, wanted: Wanted, reasons: list[str], can_start: bool) -> None:
         self.standing.setText(standing_of(wanted))
@@ -445,8 +474,12 @@ class HomePage(Page):
         self.blind.setEnabled(new and not always_blind and is_person(self.hand.value()))
         self.form.setVisible(new and self._asks_a_person and bool(self.form.fields) and not wanted.consent_due)
         self.ports.setVisible(self.on_board)
-        for rare in self.rare:
-            rare.setVisible(self.more.text() == LESS and (rare is not self.hand or not self.on_board))
+        unusual = {self.devices: self.chosen.devices is not None, self.hand: self.hand.value() != MOUSE,
+                   self.blind: self.blind.isChecked()}  # fmt: skip
+        for rare, beside in self.rare.items():
+            shown = (self.more.text() == LESS or unusual[rare]) and (rare is not self.hand or not self.on_board)
+            for part in (rare, *beside):
+                part.setVisible(shown)
         self.hand_words.setText(INPUTS[SENSOR if self.on_board else self.hand.value()].does)
 
     def _start(self) -> None:

@@ -10,13 +10,11 @@ from app.window.widgets.parts import (
     Panel,
     button,
     column,
-    keep_room,
     row,
     show_wait,
     text_label,
     wrapped_label,
 )
-from experiments.plan import counted
 from experiments.store.overview import DataOverview
 
 TRY_TITLE = "Try the device"
@@ -58,16 +56,14 @@ class NextPanel(Panel):
         self.do = button("", do)
         self.do.setFont(theme.font(theme.TITLE, bold=True))
         self.do.setMinimumSize(*MAIN_PX)
-        keep_room(self.bar)
         head = row(self.title, 1, self.beside)
-        self.setLayout(column(head, self.text, self.bar, 1, row(self.do, 1), spacing=6, margins=(22, 12, 22, 14)))
+        self.setLayout(column(head, self.text, self.bar, row(self.do, 1), spacing=12, margins=(16, 12, 16, 14)))
 
     def show_next(self, coming: Next, why_not: str, opening: str) -> None:
         """why_not: why no session can be resumed now, a sentence. opening: whose session is being opened."""
         has_session = coming.kind != TRY
         self.title.setText(f"Participant {coming.participant}" if has_session else TRY_TITLE)
-        of = f"{coming.done} of {counted(coming.planned, 'trial')} done"
-        self.beside.setText(f"{coming.protocol.capitalize()} · {of}" if coming.planned else "")
+        self.beside.setText(f"{coming.protocol.capitalize()} protocol" if coming.protocol else "")
         texts = {TRY: TRY_TEXT, RESUME: "", GO: "The session is open."}
         self.text.setText(texts[coming.kind])
         self.text.setVisible(bool(texts[coming.kind]))

@@ -36,6 +36,14 @@ def load(setup: m.Setup) -> Loaded:
     return Loaded(protocol, sentence, plan_summary(protocol), len(make_plan(protocol, "1")), participant)
 
 
+def title_of(path: str) -> str:
+    """What a protocol file calls itself; one that cannot be read, the name of the file."""
+    with contextlib.suppress(OSError, ValueError):
+        if name := str(tomllib.loads(Path(path).read_text(encoding="utf-8")).get("name", "")):
+            return f"{name[0].upper()}{name[1:]}"
+    return Path(path).name
+
+
 def proposed(data_dir: Path, protocol: Protocol) -> str:
     """The first participant without a session; "": none is left."""
     with contextlib.suppress(InputError):
@@ -127,8 +135,8 @@ def summary_of(wanted: Wanted) -> str:
         return str(loaded or "")
     if found is not None and found.protocol not in ("", loaded.protocol.name):
         return f"Participant {wanted.participant} goes on by their own protocol, {found.protocol}."
-    sentence = f"{as_sentence(loaded.sentence)} " if loaded.sentence else ""
-    return sentence + loaded.summary.replace(" min", "\u00a0min")
+    said = loaded.sentence.removesuffix(".")
+    return "\n".join(filter(None, (f"{said[:1].upper()}{said[1:]}", loaded.summary.replace(" min", "\u00a0min"))))
 
 
 def standing_of(wanted: Wanted) -> str:
@@ -136,7 +144,7 @@ def standing_of(wanted: Wanted) -> str:
     if not wanted.participant:
         return ""
     if wanted.found is None:
-        return "new, agreed to take part" if wanted.agreed else "new"
+        return "new participant, agreed to take part" if wanted.agreed else "new participant"
     if wanted.found.declined:
         return "does not take part"
     return f"{wanted.found.done} of {wanted.found.planned} done, {wanted.found.protocol} protocol"

@@ -16,13 +16,14 @@ class DevicePicture(Panel):
 
     def __init__(self) -> None:
         super().__init__("canvas")
-        self._picture = SmallView(PICTURE)
-        self.setLayout(
-            column((self._picture, 1), text_label("Letters: joints with a brake", "quiet"), margins=(8, 8, 8, 8))
-        )
+        self._picture, self.title = SmallView(PICTURE), text_label("", bold=True)
+        head = row(self.title, 1, text_label("Letters: joints with a brake", "quiet"))
+        self.setLayout(column(head, (self._picture, 1), margins=(12, 8, 12, 8)))
 
     def show_protocol(self, protocol: Protocol) -> None:
         device, path = protocol.devices[0], next(iter(protocol.paths.values()))
+        others = f", one of {len(protocol.devices)} devices" if len(protocol.devices) > 1 else ""
+        self.title.setText(f"{device.name}{others}")
         way = outline(path, SPACING_M).tolist()
         self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
         self._picture.show()
