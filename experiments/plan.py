@@ -282,7 +282,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
     breaks, pages = protocol.breaks, counted(len(protocol.instruction), "page")
     every = counted(breaks.after_trials, "trial").removeprefix("1 ") if breaks else ""
     facts = {
-        "participants": [", ".join(protocol.participants) or "anybody"],
+        "participants": [", ".join(protocol.participants) or "any"],
         "devices": [f"{device.name}{' (assumed)' if device.assumed else ''}" for device in protocol.devices],
         "paths": [f"{n}  {_path_text(path, protocol.drawn.get(n, ''))}" for n, path in protocol.paths.items()],
         "controllers": [f"{number}  {_controller_text(preset)}" for number, preset in protocol.controllers.items()],

@@ -149,7 +149,7 @@ class Settings(Table, frozen=True, kw_only=True):
     blocks: Count = 1  # of each configuration; every controller x path once in each
     repetitions: Count = 1  # of a cell within a block
     practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
-    participants: tuple[Label, ...] = ()  # none named: anybody
+    participants: tuple[Label, ...] = ()  # none named: any
     blind: bool = False  # the experimenter sees codes in place of controllers
     show_linkage: bool = False  # to the participant, as far as it is in the picture of the paths
     feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # to the participant, after a trial

@@ -87,6 +87,24 @@ def test_a_mistake_is_said_in_words_of_the_field_and_its_line_is_marked(editing:
     assert editing.marked() == "" and editing.editor.sentence.text() == HINT
 
 
+@pytest.mark.parametrize("typed", [0, 1], ids=["before the other", "behind it"])
+def test_a_key_that_is_set_twice_is_named_with_both_lines_and_the_typed_one_is_marked(editing: Editing, typed: int):
+    editor, lines = editing.editor, ["blocks = 3", "blocks = 4"]
+    assert not editor.undo_button.isEnabled() and editor.save.objectName() == ""
+    editing.put(lines[0], "\n".join(lines))
+    cursor = editor.text.textCursor()
+    cursor.movePosition(cursor.MoveOperation.Up, n=1 - typed)
+    editor.text.setTextCursor(cursor)
+    editing.read()
+    at = editor.text.toPlainText().split("\n").index(lines[0]) + 1
+    assert editor.sentence.text() == f"`blocks` is set twice: lines {at} and {at + 1}."
+    assert editing.marked() == lines[typed] and "of the last text without a mistake" in editor.shows.text()
+    assert editor.undo_button.isEnabled()
+    editor.undo()
+    editing.read("60 trials")
+    assert editor.shows.text() == "Dots: places that all 2 devices reach" and not editor.undo_button.isEnabled()
+
+
 @pytest.mark.parametrize("part", [part for group in PARTS for part in group], ids=lambda part: part.title)
 def test_a_part_from_the_menu_is_commented_can_be_run_at_once_and_is_undone_in_one_step(editing, part) -> None:
     editor, before = editing.editor, editing.editor.text.toPlainText()

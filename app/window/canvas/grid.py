@@ -11,13 +11,16 @@ SCALE_PX = 58.0  # wide, of the names of the lines
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
+MIDDLE = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop
+
+
 def beside_names(plane: Plane) -> QRectF:
     """The part (px) of the plane's field that the names of the lines leave free."""
     return plane.field.adjusted(SCALE_PX, 0.0, -14.0, 0.0)
 
 
 def paint_grid(painter: QPainter, plane: Plane) -> None:
-    """Lines every 10 cm; those across are named, as far as their names have room."""
+    """Lines every 10 cm with their names, as far as those have room."""
     field, half = beside_names(plane), 10.0
     left, right, top, bottom = field.left(), field.right(), field.top() + 5.0, field.bottom()
     painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
@@ -28,6 +31,10 @@ def paint_grid(painter: QPainter, plane: Plane) -> None:
         painter.setPen(pen(COLOURS.line, 1.0, 0.55))
         if left < x < right:
             painter.drawLine(QPointF(x, top), QPointF(x, bottom))
+            painter.setPen(pen(COLOURS.quiet, 1.0))
+            if left + half < x < right - half:
+                painter.drawText(QRectF(x - 30.0, bottom + 4.0, 60.0, 2.0 * half), MIDDLE, f"{10 * i}")
+            painter.setPen(pen(COLOURS.line, 1.0, 0.55))
         if i >= 0 and top + half < y < bottom - half:
             painter.drawLine(QPointF(left, y), QPointF(right, y))
             painter.setPen(pen(COLOURS.quiet, 1.0))

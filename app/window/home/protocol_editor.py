@@ -3,20 +3,21 @@
 A mistake stands in words under the text, its line is marked. *Add* inserts commented lines.
 """
 
+import re
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtCore import QMarginsF, QRectF, Qt, QTimer, Signal
+from PySide6.QtCore import QMarginsF, QPointF, QRectF, Qt, QTimer, Signal
 from PySide6.QtGui import QPainter, QTextCursor, QTextFormat
 from PySide6.QtWidgets import QFileDialog, QMenu, QPushButton, QTextEdit
 
 from app.window.canvas.grid import beside_names, paint_grid
-from app.window.canvas.path_marks import paint_disc, paint_path, polygon
+from app.window.canvas.path_marks import paint_path, polygon
 from app.window.canvas.plane import Plane
-from app.window.home.protocol_mistakes import in_words, line_of
+from app.window.home.protocol_mistakes import in_words, line_of, set_twice
 from app.window.home.protocol_parts import PARTS, Part, place_of
 from app.window.home.protocol_text import ProtocolText
 from app.window.widgets import theme
@@ -44,9 +45,9 @@ from experiments.protocol_writer import save_protocol
 SENTENCE_LINES = 3  # that there is room for under the text
 WAIT_MS = 200  # after the last change, before the text is read
 TOML = "TOML files (*.toml)"
-HINT = "Ctrl+Z undoes a change. Ctrl+S saves a file of your own."
+HINT = "Ctrl+Z undoes a change. Ctrl+S saves."
 WHERE = "protocol"  # begins the reader's sentences
-NUMBER_PX = 8.0  # radius of the gap in a path for its number
+RING_PX, BESIDE_PX = 7.0, 17.0  # radius of the rings; from the middle of the first one to the number of its path
 VIEW = QRectF(-0.4, 0.0, 0.8, 0.62)  # m, of the plane
 SPACING_M = 0.002  # between points of a drawn path
 
@@ -58,23 +59,26 @@ class Preview(NamedTuple):
     plan: str
     ways: dict[int, np.ndarray]  # number of a path -> its points (n, 2), m
     free: np.ndarray  # places of a grid of 1 cm that every device reaches (n, 2), m
+    devices: tuple[str, ...]  # these
 
 
 def preview(text: str, folder: Path) -> Preview:
     """InputError if it cannot be run."""
     protocol = read_protocol(text, folder, WHERE)
     plan = print_plan(protocol, "01").partition("\n\n")[2]  # its first line says again what the summary says
+    plan = re.sub(r"(?<=[\d)]) (?=(mm|m|s|min|N s/m)\b)", "\u00a0", plan)  # no line begins with a unit
     ways = {number: np.asarray(outline(path, SPACING_M)) for number, path in protocol.paths.items()}
     x, y = np.meshgrid(np.arange(-0.6, 0.61, 0.01), np.arange(-0.2, 0.81, 0.01))
     free = np.logical_and.reduce([tip_is_free(device.mechanism, x, y) for device in protocol.devices])
-    return Preview(plan_summary(protocol), plan, ways, np.column_stack((x[free], y[free])))
+    names = tuple(device.name for device in protocol.devices)
+    return Preview(plan_summary(protocol), plan, ways, np.column_stack((x[free], y[free])), names)
 
 
 class PathPicture(Plane):
     """The protocol's paths by number, on the places that every device reaches."""
 
     def __init__(self) -> None:
-        super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 10.0), follows_mouse=False)
+        super().__init__(VIEW, keep_free=QMarginsF(64.0, 10.0, 10.0, 24.0), follows_mouse=False)
         self._ways: dict[int, np.ndarray] = {}
         self._free = np.empty((0, 2))
         self.under_path = [lambda painter: paint_grid(painter, self), self._paint_places, self._paint_ways]
@@ -89,11 +93,12 @@ class PathPicture(Plane):
         painter.drawPoints(polygon(self.pixels(self._free)))
 
     def _paint_ways(self, painter: QPainter) -> None:
-        for at, (number, way) in enumerate(self._ways.items()):
-            paint_path(painter, self.pixels(way), False, (7.0, 7.0), self.sizes)
-            middle = self.to_screen(way[int(len(way) * (at + 0.35) / len(self._ways))])  # where no other number is
-            paint_disc(painter, middle, NUMBER_PX, COLOURS.canvas)
-            theme.write(painter, middle, str(number), theme.NORMAL, True, COLOURS.text)
+        for number, way in self._ways.items():
+            points = self.pixels(way)
+            paint_path(painter, points, False, (RING_PX, RING_PX), self.sizes)
+            ahead = points[1] - points[0]
+            behind = points[0] - BESIDE_PX * ahead / np.hypot(*ahead)
+            theme.write(painter, QPointF(*behind.tolist()), str(number), theme.NORMAL, True, COLOURS.text)
 
 
 class ProtocolEditor(Panel):
@@ -110,11 +115,15 @@ class ProtocolEditor(Panel):
         self.problem = ""  # the reader's sentence; "": the text can be run
         self.text, self.picture, self.summary = ProtocolText(), PathPicture(), wrapped_label("", bold=True)
         self.plan, self.sentence = printed("No plan yet", wrap=True), wrapped_label(HINT, "quiet")
-        self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save as …", self._save, "main")
+        self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save as …", self._save)
+        self.undo_button = button("Undo all changes", self.undo)
+        self.shows = wrapped_label("", "quiet")  # what the picture shows
         self._reader = BackgroundTask(self._show_read)
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(lambda: self._reader.ask(preview, self.text.toPlainText(), self._folder))
         self.text.textChanged.connect(self._timer.start)
+        self.text.document().modificationChanged.connect(self._show_changed)
+        self._show_changed(False)
         theme.follow(self._mark)
         self._lay_out()
 
@@ -127,9 +136,8 @@ class ProtocolEditor(Panel):
             menu.addSeparator()
         self.sentence.setFixedHeight(SENTENCE_LINES * self.sentence.fontMetrics().lineSpacing())  # nothing moves
         self.sentence.setAlignment(Qt.AlignmentFlag.AlignTop)
-        how = wrapped_label("Every device reaches the dotted area.", "quiet")
-        right = column((self.picture, 3), how, self.summary, (self.plan, 1), spacing=12)
-        buttons = (button("Undo all changes", self.undo), self.save, button("Back  Esc", self.closed.emit))
+        right = column((self.picture, 5), self.shows, self.summary, (self.plan, 3), spacing=8)
+        buttons = (self.undo_button, self.save, button("Back  Esc", self.closed.emit))
         head = row(self.title, self.add, 1, *buttons, spacing=12)
         left = column((self.text, 1), self.sentence, spacing=8)
         both = row((left, 13), (right, 10), spacing=16)
@@ -167,6 +175,11 @@ class ProtocolEditor(Panel):
         """Whether something was changed and not saved."""
         return self.text.document().isModified()
 
+    def _show_changed(self, changed: bool) -> None:
+        """There is something to save and to undo, or not."""
+        self.undo_button.setEnabled(changed)
+        theme.set_style(self.save, "main" if changed else "")
+
     @property
     def waiting(self) -> bool:
         """Whether a change is still to be read."""
@@ -181,6 +194,9 @@ class ProtocolEditor(Panel):
             self._show_problem(str(found).removeprefix(f"{WHERE}: "))
             return
         self._show_problem("")
+        theme.set_style(self.shows, "quiet")
+        every = f"all {len(found.devices)} devices reach" if len(found.devices) > 1 else f"{found.devices[0]} reaches"
+        self.shows.setText(f"Dots: places that {every}")
         self.summary.setText(found.summary)
         self.plan.setPlainText(found.plan)
         self.picture.show_paths(found.ways, found.free)
@@ -189,17 +205,25 @@ class ProtocolEditor(Panel):
         """The reader's sentence, and the line that it is about."""
         self.problem = problem
         at = self._mark()
-        self.sentence.setText(breakable(f"Line {at + 1}: {as_sentence(in_words(problem))}") if problem else HINT)
+        said = f"Line {at + 1}: {as_sentence(in_words(problem))}" if problem else HINT
+        if twice := set_twice(problem, self.text.toPlainText()):
+            said = f"`{twice[0]}` is set twice: lines {twice[1] + 1} and {twice[2] + 1}."
+        self.sentence.setText(breakable(said))
         theme.set_style(self.sentence, "bad" if problem else "quiet")
         if problem:
             self.summary.setText("")
             self.plan.setPlainText("")
+            theme.set_style(self.shows, "caution")
+            self.shows.setText("The picture is of the last text without a mistake.")
             self.plan.setPlaceholderText(f"No plan while line {at + 1} is wrong")
         self.save.setEnabled(not problem)
 
     def _mark(self) -> int:
         """Mark the line that the problem is about; its number, from 0."""
         at, mark = line_of(self.problem, self.text.toPlainText()), QTextEdit.ExtraSelection()
+        if twice := set_twice(self.problem, self.text.toPlainText()):  # the one that is being typed
+            typed = self.text.textCursor().blockNumber()
+            at = typed if typed in twice[1:] else at
         mark.cursor = QTextCursor(self.text.document().findBlockByNumber(at))  # type: ignore[attr-defined]
         mark.format.setBackground(theme.shade(COLOURS.bad_ground))  # type: ignore[attr-defined]
         mark.format.setProperty(QTextFormat.Property.FullWidthSelection, True)  # type: ignore[attr-defined]

@@ -9,7 +9,6 @@ TOML_WORDS = {
     "Unterminated string": "a quotation mark is missing at the end of the text",
     "Unclosed array": "a bracket ] is missing at the end of the list",
     "Expected '=' after a key": "= is missing between the key and its value",
-    "Cannot overwrite a value": "this key stands in its table already",
     "Expected newline or end of document": "there is more behind the value than it can have",
     "Expected ']'": "a bracket ] is missing behind the name of the table",
 }
@@ -24,6 +23,18 @@ def in_words(problem: str) -> str:
     if twice := re.match(r"Cannot declare \('(\w+)'.*twice", said):
         return f"the table {twice[1]} is in the text twice"
     return next((words for begins, words in TOML_WORDS.items() if said.startswith(begins)), said)
+
+
+def set_twice(problem: str, text: str) -> tuple[str, int, int] | None:
+    """The key that the reader found a second time, and both of its lines (0 ..); None: it found something else."""
+    named = re.search(r"Cannot overwrite a value \(at line (\d+)", problem)
+    lines = text.split("\n")
+    if not named or not (key := re.match(r"\s*(\w+)", lines[int(named[1]) - 1])):
+        return None
+    second = int(named[1]) - 1
+    table = next((at for at in range(second, -1, -1) if re.match(r"\s*\[", lines[at])), -1)
+    first = next((at for at in range(table + 1, second) if re.match(rf"\s*{key[1]}\b", lines[at])), second)
+    return key[1], first, second
 
 
 def line_of(problem: str, text: str) -> int:
