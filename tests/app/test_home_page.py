@@ -84,7 +84,7 @@ IN_SESSION = "The session of 01 is open: close it"
 STUDY = "holds a study of 3 simulated operators"
 HOME = {
     "new": Seen(f"{SUMMARY} | No sessions yet | new participant", NEW, [m.Open("01")]),
-    "red": Seen(" | ".join(check.advice for check in RED if check.advice), NEW, said=before(checks=RED)),
+    "red": Seen(" | ".join(check.advice for check in RED if check.state == m.BAD), NEW, said=before(checks=RED)),
     "waiting": Seen("connecting … The board is being reached.", NEW,
                     said=before(checks=(m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))),
     "preparing": Seen("Waiting for the session server", NEW, said=m.Snapshot(m.PREPARING)),

@@ -232,8 +232,9 @@ class AnalysePage(Page):
         )
         offered = {metric.name: metric.title for metric in (*DRAWN, *results.own)} if results.own else {}
         self.measures.show_choices(offered, list(offered)[MOST_CHARTS:])
-        self.show_message(PART.join(map(sentence, results.problems)), "caution")
-        self.message.setToolTip("\n".join(map(sentence, results.problems)))
+        unread = [sentence(problem) for problem in results.problems if rows]  # else they stand in the middle
+        self.show_message(PART.join(unread), "caution")
+        self.message.setToolTip("\n".join(unread))
         axes, axis = AXES | (QUESTION_AXIS if results.answers else {}), self.axis.value()
         self.axis.fill(axes, axis if axis in axes else POOLED)
         self._show()

@@ -176,7 +176,7 @@ class HomePage(Page):
 
         self.area.verticalScrollBar().rangeChanged.connect(leave_room)
         leave_room(0, 0)
-        self.start.setFont(theme.font(theme.TITLE, bold=True))
+        self.start.setFont(theme.font(theme.NORMAL, bold=True))
         self.start.setMinimumHeight(MAIN_PX[1])
         buttons = row(self.start, 1, self.show_plan, self.more)
         foot = column(self.checks, self.why, buttons, spacing=10, margins=(0, 4, BESIDE_PX, 0))
