@@ -82,7 +82,8 @@ class FormArea(QScrollArea):
     """A form that is as high as what it asks for, and scrolls where there is no room."""
 
     def __init__(self, inside: QWidget) -> None:
-        super().__init__(widgetResizable=True, focusPolicy=NO_FOCUS)
+        super().__init__(widgetResizable=True)
+        self.setFocusPolicy(NO_FOCUS)
         inside.setObjectName("clear")
         self.viewport().setObjectName("clear")
         self.setWidget(inside)
