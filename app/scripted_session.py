@@ -214,7 +214,7 @@ class SessionTrial:
         protocol = session.protocol
         numbered = protocol.controllers.get(planned.controller) if isinstance(planned.controller, int) else None
         self.controller = numbered.name if numbered else str(planned.controller)
-        self.path_m = outline(protocol.paths[planned.segment], OUTLINE_M)
+        self.path_m = outline(protocol.paths[planned.path], OUTLINE_M)
 
     def run(self, hand: SimulatedPerson | HandFunction | None = None) -> pd.Series:
         """Run the trial to its end and record it. Returns its row of the table, with every measure.

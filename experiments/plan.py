@@ -45,7 +45,7 @@ class PlannedTrial(NamedTuple):
     block: int  # 1..blocks; 0: practice, which counts nowhere
     configuration: str  # name of the device
     controller: int | str  # its number in the protocol, as in Table I; in a blind session a code, "K3"
-    segment: int  # number of the path
+    path: int  # number of the path
     repetition: int  # 1.., of the cell within the configuration
 
 
@@ -227,7 +227,7 @@ def _lines(protocol: Protocol, participant: str, trials: list[PlannedTrial], cod
             block = trial.block
             lines.append("  practice" if is_practice else f"  block {block}")
         run = "" if is_practice else trial.run
-        lines.append(f"  {run:>5}  {protocol.controller_name(trial.controller):{width}}  path {trial.segment}")
+        lines.append(f"  {run:>5}  {protocol.controller_name(trial.controller):{width}}  path {trial.path}")
         if 0 < done < len(trials):
             lines += [f"  {line}" for line in steps_between(protocol, trial, trials[done], done, len(trials) - done)]
     return lines

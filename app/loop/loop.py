@@ -299,11 +299,11 @@ def run_stopped_trial() -> None:
 def stopped_trial() -> Trial:
     """A simulated trial like any other that ends after a few ticks."""
     protocol = load_protocol()
-    segment, preset = next(iter(protocol.paths)), next(iter(protocol.controllers))
-    file, path_file = protocol.devices[0], protocol.paths[segment]
+    number, preset = next(iter(protocol.paths)), next(iter(protocol.controllers))
+    file, path_file = protocol.devices[0], protocol.paths[number]
     path = build_path(path_file, "path")
     device = SimulatedDevice(file, (path.x0, path.y0), protocol.mouse.hand())
-    planned = PlannedTrial(0, 0, file.name, preset, segment, 1)
+    planned = PlannedTrial(0, 0, file.name, preset, number, 1)
     trial = SimulatedTrial(
         device, planned, Conditions(path_file, protocol.controllers[preset], protocol.rules, protocol.trial)
     )

@@ -52,7 +52,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
         help="what holds the handle: a simulated operator who goes to and fro on the path, a hand that holds it still "
         "on a spring, or nothing (default: still)",
     )  # fmt: skip
-    path = "m, from start to end; the handle is at the start at first (default: segment 1)"
+    path = "m, from start to end; the handle is at the start at first (default: path 1 of the paper's protocol)"
     option("--path", nargs=4, type=float, metavar=("X0", "Y0", "X1", "Y1"), help=path)
     fault = "KIND[=VALUE][@START][+LENGTH]"
     option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")

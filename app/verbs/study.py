@@ -37,7 +37,7 @@ IN_SWEEP_FILE = ("protocol", "operators", "population", "device", *OVERRIDES)
 def add(verbs: argparse._SubParsersAction) -> None:
     option = add_verb(
         verbs, "study", study, "run the paper's whole study, or another protocol's, with simulated operators\n"
-        "Per operator, by the paper's protocol: 2 segments x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
+        "Per operator, by the paper's protocol: 2 paths x 2 devices x 5 controllers x 3 trials. Leaves recordings,\n"
         "trials.csv, box plots and statistics. The same seed gives the same trials.csv. An interrupted study goes on\n"
         "with --resume: the trial that was cut off is kept as recovered and run again. That operator's further trials\n"
         "start from devices just switched on: not the ones, bit by bit, of a study that was not interrupted.",

@@ -76,7 +76,7 @@ class MadeUpHand(QObject):
             self.now = rows[-1]
         if self.now is None:
             return
-        self._path = build_path(opened.protocol.paths[running.segment], "path")
+        self._path = build_path(opened.protocol.paths[running.path], "path")
         tip = self.now[tick_log.TIP_X : tick_log.TIP_Y + 1]
         slow = np.hypot(self.now[tick_log.TIP_VX], self.now[tick_log.TIP_VY]) < SPEED_M_S
         frames = min(max(float(self.now[tick_log.T]) - self._at_s, 0.0) / FRAME_S, 10.0)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NAME: Final = "by_path.csv"
-CELL = ["configuration", "segment", "controller"]
+CELL = ["configuration", "path", "controller"]
 
 
 def by_path(trials: Trials, names: Mapping[Controller, str], timeouts: bool = False) -> "pd.DataFrame":

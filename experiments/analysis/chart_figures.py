@@ -169,7 +169,7 @@ def draw_boxplots(
     wide = [metric for metric in (*JUDGED, *data.own) if sizes.grows or metric is not DRAWN[-1]]
     beside = *given, wide, sizes.side_by_side * more
     calls.append((draw, beside, _paths(folder, "boxplots", sizes.forms_beside)))
-    if len(paths := sorted(set(trials["segment"].tolist()))) > 1:
+    if len(paths := sorted(set(trials["path"].tolist()))) > 1:
         calls.append((draw, (*beside, paths), _paths(folder, "boxplots_by_path", sizes.forms_beside)))
     refuse_existing_files(path for call in calls for path in call[-1])
     files: dict[Path, bytes] = {}
@@ -204,7 +204,7 @@ def draw(
     shown = controllers_shown(trials, view.names)
     found = [[pooled(trials, metric, view) for metric in metrics]]
     if paths:
-        of_paths = [(f", path {path}", trials[trials["segment"] == path]) for path in paths]
+        of_paths = [(f", path {path}", trials[trials["path"] == path]) for path in paths]
         found = [
             [
                 pooled(part, metric, view)._replace(title=f"{metric.title}{name}", reach=whole.highest)
@@ -310,8 +310,8 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
     for placed in chart.boxes:
         if placed.box.n > 1:  # else its point says all
             draw_box(axes, placed, colour_of(placed.controller, chart.colours))
-    for controller, look, path in {(p.controller, p.look, p.row and p.row.segment): None for p in chart.points}:
-        group = [p for p in chart.points if (p.controller, p.look, p.row and p.row.segment) == (controller, look, path)]
+    for controller, look, path in {(p.controller, p.look, p.row and p.row.path): None for p in chart.points}:
+        group = [p for p in chart.points if (p.controller, p.look, p.row and p.row.path) == (controller, look, path)]
         colour = colour_of(controller, chart.colours)
         marker = marker_of(path) if path else "o"
         face, edge = ("white", colour) if look else (colour, "white")

@@ -125,7 +125,7 @@ class View(NamedTuple):
 
     configurations: tuple[str, ...]  # drawn as `LOOKS`, in this order
     names: Mapping[Controller, str]  # controller -> what stands under its boxes
-    lengths: Mapping[int, float] = {}  # segment -> length of the path, m
+    lengths: Mapping[int, float] = {}  # number of the path -> its length, m
     timeouts: bool = False  # in boxes and statistics
     logarithmic: bool = False  # the axis of path error
     measures: tuple[Metric, ...] = DRAWN  # a chart each
@@ -338,11 +338,11 @@ def _by_run(trials: Trials, metric: Metric, view: View) -> Chart:
 
 def _by_speed(trials: Trials, metric: Metric, view: View) -> Chart:
     """Mean speed along the path: a trial whose time was up did not come to its end, and has none."""
-    lengths = trials["segment"].map(view.lengths).astype(float)
+    lengths = trials["path"].map(view.lengths).astype(float)
     moved = to_compare(trials[(trials["duration_s"] > 0.0) & lengths.notna()])
 
     def speed(row: TrialRow) -> float:
-        return 1e3 * view.lengths[row.segment] / row.value("duration_s")
+        return 1e3 * view.lengths[row.path] / row.value("duration_s")
 
     speeds = [speed(row) for row in as_rows(moved)] or [1.0]
     chart = _chart(SPEED, moved, metric, view, speed)
@@ -400,7 +400,7 @@ def _questionnaire(answers: Sequence[AnswerSet], view: View) -> Chart:
 
 def paths_of(shown: Iterable[Chart]) -> list[int]:
     """The paths whose trials are points of these charts."""
-    return sorted({p.row.segment for chart in shown for p in (*chart.points, *chart.timeouts) if p.row is not None})
+    return sorted({p.row.path for chart in shown for p in (*chart.points, *chart.timeouts) if p.row is not None})
 
 
 def coloured(shown: Iterable[Chart], view: View) -> dict[int, str]:

@@ -29,7 +29,7 @@ __all__ = ["Measure", "metrics_in", "own_metrics", "recorded_metrics", "runnable
 #: Columns that tables with measures have besides: a measure of such a name would be taken for it.
 TAKEN = {
     *BY_NAME, *PlannedTrial._fields, *PARAMETERS, "participant", "status", "recording", "energy_residual_J",
-    "energy_added_max_J", "controller_name", "population", "rules", "kind", "operator", "filename", "acq_time",
+    "energy_added_max_J", "controller_name", "population", "rules", "kind", "filename", "acq_time",
 }  # fmt: skip
 
 

@@ -40,7 +40,7 @@ _WORDS = (
     "Five participants are",
 )  # fmt: skip
 CELL = ["participant", "configuration", "controller"]
-TASK = [*CELL, "segment"]
+TASK = [*CELL, "path"]
 Cell = tuple[str, str, int | str]  # participant, configuration, controller
 Scores = dict[Cell, float]
 ByController = dict[int, dict[str, float]]  # controller -> participant -> mean
@@ -324,7 +324,7 @@ def _middle(values: np.ndarray) -> tuple[float, float]:
 def trend(trials: Trials, measure: str) -> list[Result]:
     """Over the order of trials: each participant's change over ten trials, in % of their mean; its median over people.
 
-    The slope over the number of the trial within each task (configuration, controller, segment): what differs
+    The slope over the number of the trial within each task (configuration, controller, path): what differs
     between tasks, and between the configuration that came first and the other, cannot pass for a trend.
     """
     slopes = []
@@ -351,7 +351,7 @@ def _within_tasks(trials: Trials, *columns: str) -> np.ndarray:
 
 def _with_speed(trials: Trials) -> Trials:
     """The trials that were finished, with their speed: doublings of the mean speed along the path, from an arbitrary
-    zero for each segment.
+    zero for each path.
     """
     found = trials[(trials["status"] == "done") & (trials["duration_s"] > 0.0)].dropna(subset="path_error_m")
     return found.assign(speed=-np.log2(found["duration_s"].to_numpy()))

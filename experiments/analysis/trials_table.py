@@ -75,7 +75,7 @@ class TrialRow:
     block: int
     configuration: str
     controller: Controller
-    segment: int
+    path: int
     repetition: int
     status: str  # one of STATUSES
     recording: str = ""  # empty: nothing could be kept
@@ -147,7 +147,7 @@ DICTIONARY: Mapping[str, DictionaryEntry] = {
     "controller": DictionaryEntry(
         "controller by its number in the protocol, or by its code while the session is blind", kind=int
     ),
-    "segment": DictionaryEntry("number of the path", kind=int),
+    "path": DictionaryEntry("number of the path", kind=int),
     "repetition": DictionaryEntry("how often this cell of the plan has come, from 1", kind=int),
     "status": DictionaryEntry("how the trial ended", kind=str),
     **dict(_MEASURED[:_FIRST]),
@@ -326,8 +326,8 @@ def _value(column: str, cell: str) -> object:
     return float(cell) if _NUMBER.fullmatch(cell) and np.isfinite(float(cell)) else _WRONG
 
 
-#: What the metadata of a recording must hold: its place in the plan, in the order of a row, and its path.
-NEEDED = (*COLUMNS[: COLUMNS.index("status")], "path")
+#: What the metadata of a recording must hold: its place in the plan, in the order of a row, and the shape of its path.
+NEEDED = (*COLUMNS[: COLUMNS.index("status")], "path_shape")
 
 
 def row_of(recording: "Recording", folder: Path) -> TrialRow:
@@ -338,8 +338,8 @@ def row_of(recording: "Recording", folder: Path) -> TrialRow:
     """
     about, outcome = recording.metadata, recording.outcome
     check_named(recording)
-    where = f"{recording.path}: path"
-    path = build_path(path_from(about["path"], where), where)
+    where = f"{recording.path}: path_shape"
+    path = build_path(path_from(about["path_shape"], where), where)
     measures: dict[str, float] = {}
     failed: dict[str, str] = {}
     if recording.in_phase("move").any():

@@ -52,9 +52,9 @@ from experiments.store.stored import read_stored
 
 #: What an export shows of a trial while its session is blind.
 _SHOWN_WHILE_BLIND = (
-    "participant", "run", "block", "configuration", "controller", "segment", "repetition", "start_m", "end_m", "path",
-    "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J", "energy_added_max_J",
-    "warnings",
+    "participant", "run", "block", "configuration", "controller", "path", "repetition", "start_m", "end_m",
+    "path_shape", "protocol", "rules", "hand", "link", "assumed", "status", "reason", "energy_residual_J",
+    "energy_added_max_J", "warnings",
 )  # fmt: skip
 _LEVELS = {"phase": PHASE_LEVELS, "status": STATUSES}
 

@@ -47,7 +47,7 @@ class Results(NamedTuple):
     controllers: dict[int, Preset] = {}
     labels: dict[Controller, str] = {}  # controller -> what stands under its boxes
     configurations: tuple[str, ...] = ()
-    lengths: dict[int, float] = {}  # segment -> length of the path, m
+    lengths: dict[int, float] = {}  # number of the path -> its length, m
     note: str = ""  # stands on every figure
     protocol: str = ""  # its name
     own: tuple[Metric, ...] = ()  # measures of the protocols' own files

@@ -30,12 +30,12 @@ from experiments.trial.trial import Conditions, SimulatedTrial
 
 BRAKE = "mrb-2107-3"  # the paper's, on every display
 PEOPLE, REPETITIONS = 3, 3  # as in the paper
-SPACING_M = 0.002  # between the places of a segment
+SPACING_M = 0.002  # between the places of a path
 LONGEST_TRIAL_S = 62.0  # with the times out of the paper's protocol
 
 
 class Display(NamedTuple):
-    """One display in numbers: (n,) places of the segments, (m,) trials."""
+    """One display in numbers: (n,) places of the paths, (m,) trials."""
 
     device: Device
     widest_gap: Array  # (n,) rad, between neighbouring force lines
@@ -77,10 +77,10 @@ def sdof_trials(device: Device, protocol: Protocol, number: int) -> Iterator[tup
     rows = np.empty((round(LONGEST_TRIAL_S / TICK_S), tick_log.WIDTH))
     simulation = SimulatedDevice(device, middle_of_first(protocol.paths))
     for repetition in range(REPETITIONS):
-        for segment, path in protocol.paths.items():
-            key = [protocol.seed, number, segment, repetition]  # the same noise on every display
+        for path_number, path in protocol.paths.items():
+            key = [protocol.seed, number, path_number, repetition]  # the same noise on every display
             generator = np.random.default_rng(np.random.SeedSequence(key))
-            planned = PlannedTrial(1, 1, device.name, 1, segment, repetition)
+            planned = PlannedTrial(1, 1, device.name, 1, path_number, repetition)
             trial = SimulatedTrial(
                 simulation, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, generator
             )
@@ -93,9 +93,9 @@ def draw_displays() -> Figure:
     protocol = load_protocol(PAPER)
     measured = [measure_display(device, protocol) for device in displays(protocol)]
     text = (
-        f"Assumed parameters: every device, the brake {BRAKE} on all of them, the two segments, the simulated "
-        f"operators ({PEOPLE} people, {REPETITIONS} trials on each segment, SDOF without gap, {protocol.rules} rules). "
-        "Left: range along the segments, worst value as text. Right: each trial a circle, median (path error) or mean "
+        f"Assumed parameters: every device, the brake {BRAKE} on all of them, the two paths, the simulated "
+        f"operators ({PEOPLE} people, {REPETITIONS} trials on each path, SDOF without gap, {protocol.rules} rules). "
+        "Left: range along the paths, worst value as text. Right: each trial a circle, median (path error) or mean "
         "(share of ticks with a felt hand and no valid brake) as text."
     )
     size = PAGE_IN, 1.8 + 0.5 * len(measured)

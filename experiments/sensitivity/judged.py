@@ -38,7 +38,7 @@ class Judged(NamedTuple):
 
 def read_trials(table: Path) -> pd.DataFrame:
     """The trials of a run, a row each; NaN: it did not reach the end, or its sample has no trials."""
-    return pd.read_csv(table).sort_values(["sample", "configuration", "controller", "participant", "segment"])
+    return pd.read_csv(table).sort_values(["sample", "configuration", "controller", "participant", "path"])
 
 
 def judge(trials: pd.DataFrame, configurations: Sequence[str], seed: int) -> Judged:
@@ -93,7 +93,7 @@ def without_controllers(trials: pd.DataFrame, seed: int) -> pd.DataFrame:
     generator = np.random.default_rng(seed)
     made = trials.copy()
     measures = list(IN_BOXES)
-    place = ["sample", "configuration", "participant", "segment"]
+    place = ["sample", "configuration", "participant", "path"]
     uncontrolled = trials[trials["controller"] == NO_CONTROL].groupby(place)
     drawn = uncontrolled.indices
     values = trials.loc[trials["controller"] == NO_CONTROL, measures].to_numpy()

@@ -25,7 +25,7 @@ from experiments.study.jobs import Done, Work, device_texts, run_work, table_lin
 from experiments.study.unrecorded import operator_trials, with_low_gain_found
 
 KIND, REPORT = "sensitivity", "report"
-PLACE = ("sample", "participant", "configuration", "controller", "segment", "repetition")
+PLACE = ("sample", "participant", "configuration", "controller", "path", "repetition")
 COLUMNS = (*PLACE, *(metric.name for metric in JUDGED))
 MOST_SAMPLES = 100_000
 DIGITS = 6  # of a measure
@@ -52,7 +52,7 @@ class Sample:
         for operator, population in enumerate(people, start=1):
             seen: dict[tuple, int] = {}
             for row, more in operator_trials(protocol, population, operator, JUDGED):
-                cell = row.configuration, row.controller, row.segment
+                cell = row.configuration, row.controller, row.path
                 seen[cell] = seen.get(cell, 0) + 1
                 values = [row.value(metric.name) if row.status == "done" else None for metric in JUDGED]
                 texts = ["" if value is None else f"{value:.{DIGITS}g}" for value in values]

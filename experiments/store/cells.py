@@ -8,7 +8,7 @@ from experiments.plan import PlannedTrial
 
 def cell(trial: PlannedTrial | TrialRow) -> tuple:
     """The cell of the plan that a trial fills, whatever its run number."""
-    return trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition
+    return trial.block, trial.configuration, trial.controller, trial.path, trial.repetition
 
 
 def place(trial: PlannedTrial | TrialRow, plan: Sequence[PlannedTrial]) -> int:

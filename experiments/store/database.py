@@ -28,14 +28,14 @@ from core.files import InputError
 from experiments.atomic_files import new_beside, reason_of, retry_while_locked, sync_folder
 
 DATABASE = "session.db"
-FORMAT = 1  # `user_version`; rises when a reader of today could no longer read the file
+FORMAT = 2  # `user_version`; rises when its form changes: one format is read
 APPLICATION = 0x50484400  # `application_id`: PHD
 BUSY_S = 5.0  # that another process may read while we write
 #: Table -> its columns, the first of which is its key; each has one more, the row's checksum.
 TABLES = {
     "about": ("name TEXT", "value TEXT"),
     "file": ("name TEXT", "sha256 TEXT", "text TEXT"),
-    "plan": ("run INTEGER", "block INT", "configuration TEXT", "controller ANY", "segment INT", "repetition INT"),
+    "plan": ("run INTEGER", "block INT", "configuration TEXT", "controller ANY", "path INT", "repetition INT"),
     "blind_key": ("code TEXT", "controller INT"),
     "event": ("number INTEGER", "time TEXT", "monotonic_s REAL", "name TEXT", "about TEXT"),
     "trial": (
@@ -453,9 +453,9 @@ def refuse_format(db: sqlite3.Connection, path: Path) -> None:
     form, application = (int(db.execute(f"PRAGMA {name}").fetchone()[0]) for name in ("user_version", "application_id"))
     if application != APPLICATION:
         raise InputError(f"{path}: is no database of PHD")
-    if form > FORMAT:
+    if form != FORMAT:
         raise InputError(
-            f"{path}: is of format {form}, this version of PHD reads formats up to {FORMAT}: take a newer one"
+            f"{path}: is of format {form}, this version of PHD reads format {FORMAT}: use the version that recorded it"
         )
 
 

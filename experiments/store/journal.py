@@ -48,7 +48,7 @@ _Code = Annotated[str, msgspec.Meta(pattern=r"^K[1-9]\d{0,5}\Z")]
 _Status = Annotated[str, msgspec.Meta(pattern=rf"^({'|'.join(STATUSES)})\Z")]
 _Values = dict[str, float | str | bool | None]
 _TRIAL = {
-    "run": _Run, "block": _Count, "configuration": str, "controller": _Count | _Code, "segment": _Count,
+    "run": _Run, "block": _Count, "configuration": str, "controller": _Count | _Code, "path": _Count,
     "repetition": _Count,
 }  # fmt: skip
 

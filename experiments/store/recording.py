@@ -28,7 +28,7 @@ from experiments.atomic_files import make_folders, new_beside, reason_of, retry_
 from experiments.recording import TEXT_COLUMNS, Recording, Sensors, column_words, recording_columns
 from experiments.store.database import Database, Stored, StoredTrial, reading, trials_in
 
-FORM = 1  # rises when a reader of today could no longer read the file
+FORM = 2  # rises when a reader of today could no longer read the file
 PIECE_ROWS = 60_000  # of a row group: a minute, 25 MB
 LONG_ROWS = 10 * PIECE_ROWS  # a longer recording is not held in memory as a whole
 UNREADABLE = (pa.ArrowException, OSError, EOFError, KeyError, ValueError, TypeError, RecursionError)

@@ -332,9 +332,9 @@ class Session:
         generator = None
         if self.person:  # the same noise for every controller and configuration
             person = participant_index(self.participant)
-            generator = normals(self.protocol.seed, person, planned.segment, planned.repetition)
+            generator = normals(self.protocol.seed, person, planned.path, planned.repetition)
         file = self.protocol.device(planned.configuration)
-        preset, path = self.preset(planned), self.protocol.paths[planned.segment]
+        preset, path = self.preset(planned), self.protocol.paths[planned.path]
         conditions = Conditions(path, preset, self.protocol.rules, self.protocol.trial)
         trial: Trial
         if sensors:
@@ -503,7 +503,7 @@ class Session:
         about = self._common() | trial.planned._asdict() | {
             "start_m": (path.x0, path.y0),
             "end_m": (path.x1, path.y1),
-            "path": msgspec.to_builtins(self.protocol.paths[trial.planned.segment]),
+            "path_shape": msgspec.to_builtins(self.protocol.paths[trial.planned.path]),
             "protocol": self.protocol.name,
             "hand": SENSOR if trial.real else self.hand,
             "link": "serial" if trial.real else "sim",

@@ -146,7 +146,7 @@ def refuse_trial(trial: PlannedTrial | TrialRow, protocol: Protocol, where: str)
     """InputError if a protocol lacks the device, the path or the controller of a trial."""
     lacks = {
         f"device {trial.configuration}": trial.configuration not in {device.name for device in protocol.devices},
-        f"path {trial.segment}": trial.segment not in protocol.paths,
+        f"path {trial.path}": trial.path not in protocol.paths,
         f"controller {trial.controller}": isinstance(trial.controller, int)
         and trial.controller not in protocol.controllers,
     }

@@ -68,7 +68,7 @@ def read_playback(path: Path) -> Playback:
     controller = about.get("controller", "?") if row is None else row.controller
     controllers: dict[Controller, str] = {number: preset.name for number, preset in stored.protocol.controllers.items()}
     named = about.get("preset", {}).get("name") or f"controller {controller}"
-    place = (about.get("configuration"), f"path {about.get('segment', '?')}", f"block {about.get('block', '?')}")
+    place = (about.get("configuration"), f"path {about.get('path', '?')}", f"block {about.get('block', '?')}")
     return Playback(
         path=path,
         ticks=ticks,
@@ -115,8 +115,8 @@ def device_of(recording: Recording, stored: StoredSession) -> Device:
 
 def way_of(recording: Recording) -> PathFile:
     about = recording.metadata
-    if "path" in about:
-        return path_from(about["path"], f"{recording.path}: path")
+    if "path_shape" in about:
+        return path_from(about["path_shape"], f"{recording.path}: path_shape")
     if "start_m" not in about or "end_m" not in about:
         raise InputError(f"{recording.path}: the metadata lack the path")
     return Segment(tuple(about["start_m"]), tuple(about["end_m"]))

@@ -157,11 +157,11 @@ def choose_device(trial: Recorded, device: str | None) -> Device:
 
     None: the recorded one.
     """
-    protocol, segment = trial.stored.protocol, trial.row.segment
+    protocol, path = trial.stored.protocol, trial.row.path
     if device is None:
         return protocol.device(trial.row.configuration)
     onto = load_device(device)
-    paths = {segment: protocol.paths[segment]}
+    paths = {path: protocol.paths[path]}
     check_reach([(f"device {device}", onto)], paths, f"the {protocol.name} protocol")
     x, y = (float(trial.recording.column(name)[trial.first]) for name in ("tip_x_m", "tip_y_m"))
     if not tip_is_free(onto.mechanism, x, y):

@@ -75,7 +75,7 @@ def read_recorded(file: Path) -> Recorded:
         raise InputError(f"{file}: the trial never came to `move`, there is no hand to replay")
     check_samples(recording)
     where = f"{file}: path"
-    path_file = path_from(recording.metadata["path"], where)
+    path_file = path_from(recording.metadata["path_shape"], where)
     return Recorded(recording, row, stored, path_file, build_path(path_file, where), int(move[0]))
 
 
@@ -184,7 +184,7 @@ def run_replay(
     """
     recording, row = trial.recording, trial.row
     simulated = ReplayedDevice(trial, device, hand.hand, whole)
-    planned = PlannedTrial(row.run, row.block, device.name, row.controller, row.segment, row.repetition)
+    planned = PlannedTrial(row.run, row.block, device.name, row.controller, row.path, row.repetition)
     again = SimulatedTrial(simulated, planned, conditions)
     run, first = again.arguments().run, 0 if whole else trial.first
     if not whole:

@@ -40,7 +40,7 @@ MOST_JOBS = 1_000_000
 #: Of the table; the seed and assumptions, where they vary, stand behind the rules, the parameters and measures of one's
 #: own files behind the shipped ones.
 FACTORS = "population", "configuration", "rules"
-MEASURED = "operator", "segment", "repetition", "status", *BY_NAME, "energy_residual_J", "energy_added_max_J"
+MEASURED = "participant", "path", "repetition", "status", *BY_NAME, "energy_residual_J", "energy_added_max_J"
 
 
 def _swept(key: str, kind: Any) -> tuple[str, Any, None]:
@@ -154,10 +154,10 @@ class SweepCell:
         device = after_the_last_path(self.device, self.protocol)
         lines, ticks = [], 0
         for repetition in range(1, self.repetitions + 1):
-            for segment in self.protocol.paths:
-                planned = PlannedTrial(1, 1, self.device.name, 1, segment, repetition)
+            for path in self.protocol.paths:
+                planned = PlannedTrial(1, 1, self.device.name, 1, path, repetition)
                 trial = trial_of(self.protocol, person, self.operator, planned, device, self.preset)
-                row, more = run_measured(trial, str(self.operator), (*METRICS, *self.own))
+                row, more = run_measured(trial, f"{self.operator:02d}", (*METRICS, *self.own))
                 lines.append(self._cells(row))
                 ticks += more
         return Done(table_lines(lines), ticks)
@@ -166,8 +166,8 @@ class SweepCell:
         return [
             self.population.name, self.device.name, self.protocol.rules,
             *(self.protocol.seed if name == SEED else getattr(self.protocol.assumptions, name) for name in self.varied),
-            self.preset.kind, *map(self.preset.value, self.parameters), self.operator,
-            *map(row.value, MEASURED[1:]), self.controller_name, *(row.value(metric.name) for metric in self.own),
+            self.preset.kind, *map(self.preset.value, self.parameters),
+            *map(row.value, MEASURED), self.controller_name, *(row.value(metric.name) for metric in self.own),
         ]  # fmt: skip
 
 

@@ -38,7 +38,7 @@ def read_sweep(path: Path, numbers: Sequence[str]) -> pd.DataFrame:
 
 def _scores(trials: pd.DataFrame, by: str, measures: Sequence[Metric]) -> pd.DataFrame:
     """The mean of each person's trials, a row for each value of `by` and person; another seed draws other people."""
-    person = [name for name in ("population", SEED, "operator") if name in trials and name != by]
+    person = [name for name in ("population", SEED, "participant") if name in trials and name != by]
     done = trials[trials["status"] == "done"]
     means = done.groupby([by, *person], sort=False)[[metric.name for metric in measures]].mean()
     return means * [metric.scale for metric in measures]

@@ -75,8 +75,8 @@ def trial_of(
 
     As in a study: the same noise for every controller, device and rule set.
     """
-    noise = normals(protocol.seed, operator, planned.segment, planned.repetition)
-    path = protocol.paths[planned.segment]
+    noise = normals(protocol.seed, operator, planned.path, planned.repetition)
+    path = protocol.paths[planned.path]
     return SimulatedTrial(device, planned, Conditions(path, preset, protocol.rules, protocol.trial), person, noise)
 
 
@@ -255,8 +255,8 @@ def vibrations(protocol: Protocol, population: Population, preset: Preset) -> np
     for operator in range(1, PEOPLE + 1):
         person = person_of(population, protocol.seed, operator)
         for device in protocol.devices:
-            for segment in protocol.paths:
-                planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
+            for path in protocol.paths:
+                planned = PlannedTrial(1, 1, device.name, 1, path, 1)
                 trial = trial_of(protocol, person, operator, planned, switched_on(device, protocol), preset)
                 rows = run_trial(trial)
                 moving = rows[:, tick_log.PHASE] == tick_log.MOVE

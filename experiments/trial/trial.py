@@ -77,7 +77,7 @@ class TrialState(NamedTuple):
 
 def path_of(planned: PlannedTrial, conditions: Conditions) -> Path:
     """The path of a trial, as the kernels see it."""
-    return build_path(conditions.path, f"path {planned.segment}")
+    return build_path(conditions.path, f"path {planned.path}")
 
 
 class Trial(ABC):
@@ -230,7 +230,7 @@ class SimulatedTrial(Trial):
         self._run = tick.new_run(self.trial_rules, simulated_hand=True)
         self._operator = new_operator(person, generator)
         self._operator_noise = generator.standard_normal((NOISE_DRAWS, 2))
-        self._operator_path = way_round(path, self.trial_rules.around.obstacles, f"path {self.planned.segment}")
+        self._operator_path = way_round(path, self.trial_rules.around.obstacles, f"path {self.planned.path}")
         take_handle(person, self._operator_path, self.simulation.hand.grips)
 
     def refine(self, substeps: int) -> None:

@@ -295,7 +295,7 @@ def test_error_against_force_shows_the_medians_of_the_chosen_trials_and_points_h
         for force, error in cells[["mean_tip_force_N", "path_error_m"]].median().itertuples(index=False)
     }
     assert {(round(p.pos().x(), 9), round(p.pos().y(), 9)) for p in page.force.circles.points()} == medians
-    shapes = {point.data().row.segment: point.symbol() for point in page.plots[0].points.points()}
+    shapes = {point.data().row.path: point.symbol() for point in page.plots[0].points.points()}
     assert shapes == {1: "o", 2: "t1"}
 
 

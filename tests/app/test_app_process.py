@@ -67,7 +67,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
             said.setdefault(int(rows[-1, tick_log.PHASE]), set()).add(view.shown.large)
 
     monkeypatch.setattr(windows.participant, "show_ticks", look)
-    hand = SyntheticHand(planned.segment, view.tip)
+    hand = SyntheticHand(planned.path, view.tip)
     point(view, view.to_screen(view.tip))
     QTest.keyClick(windows.participant, Qt.Key.Key_Space)
     last, end = time.perf_counter(), time.perf_counter() + waiting.LONG_S
@@ -85,7 +85,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     assert {tick_log.APPROACH, tick_log.MOVE} <= set(said)  # a hold of half a second may come between two pictures
     assert all(said[phase] == words[phase] for phase in said if phase in words) and view.shown.large == "Well done"
     (result,) = main.snapshot.rows
-    assert result.status == "done" and (result.segment, result.controller) == (planned.segment, planned.controller)
+    assert result.status == "done" and (result.path, result.controller) == (planned.path, planned.controller)
     session = tmp_path / "data" / "sub-01" / "ses-01"
     assert read_rows(session / "trials.csv") == [result]
     recording = read_recording(session / result.recording)

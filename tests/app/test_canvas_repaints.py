@@ -47,14 +47,14 @@ class Anything:
         return among[self.random.integers(len(among))]
 
     def show_trial(self) -> None:
-        segment, tip = self.any(*PATHS), self.any(TIP, (-0.05, 0.33))
-        self.rows, self.at = movement(segment, "AEBC", 1.0, 1.0), 0
+        path, tip = self.any(*PATHS), self.any(TIP, (-0.05, 0.33))
+        self.rows, self.at = movement(path, "AEBC", 1.0, 1.0), 0
         self.rows[:100, tick_log.PHASE] = tick_log.APPROACH
         self.rows[-100:, tick_log.PHASE] = tick_log.END
         if isinstance(self.view, ForceView):
-            self.view.show_trial(self.any(*DEVICES), PATHS[segment], tip)
+            self.view.show_trial(self.any(*DEVICES), PATHS[path], tip)
         else:
-            self.view.show_path(PATHS[segment])
+            self.view.show_path(PATHS[path])
             self.view.show_handle(tip)
 
     def next_rows(self) -> np.ndarray:

@@ -39,7 +39,7 @@ def window(setup: Setup):
 
 def follow(window: Window, up_to: int = len(tick_log.PHASES)) -> None:
     """A hand goes through the running trial, to its end or to a phase."""
-    hand, seen, rows = SyntheticHand(window.snapshot.running.segment, window.snapshot.tip), 0, window.rows
+    hand, seen, rows = SyntheticHand(window.snapshot.running.path, window.snapshot.tip), 0, window.rows
     while window.snapshot.stage == m.RUNNING and rows[-1, tick_log.PHASE] < up_to:
         tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
         window.client.ring.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 1e-3 * (len(rows) - seen)))

@@ -149,7 +149,7 @@ def test_the_end_of_the_server_is_said_in_red_and_stops_everything(screens: Scre
     last, itself, says, never = DEATHS[case]
     screens.hear(opened(), last)
     if last.running is not None:
-        screens.tick(movement(PLAN[3].segment, "AEB", 0.4))
+        screens.tick(movement(PLAN[3].path, "AEB", 0.4))
     seen = screens.run.workspace.view.tip
     screens.client.alive = False
     screens.hear(*([ready(3, stage=m.FAILED, notice=itself, notice_bad=True)] if itself else []))
@@ -242,7 +242,7 @@ def test_another_setup_starts_another_server_while_the_window_goes_on(screens: S
 
 def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     """Console with every layer on and participant's window after one movement of a hand through two controllers."""
-    one, found = movement(PLAN[0].segment, "AEB", 0.6), []
+    one, found = movement(PLAN[0].path, "AEB", 0.6), []
     other = one.copy()
     other[:, tick_log.CURRENT : tick_log.CURRENT + 4] = 0.0
     other[:, tick_log.TORQUE : tick_log.TORQUE + 4] *= -0.3

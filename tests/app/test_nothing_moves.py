@@ -48,7 +48,7 @@ def test_on_run_between_trials_and_in_one(screens: Screens, size: tuple[int, int
     ):  # fmt: skip
         assert moved(screens, said) == [], said
     screens.hear(running(9))
-    screens.tick(movement(PLAN[9].segment, "AEB", 0.5))
+    screens.tick(movement(PLAN[9].path, "AEB", 0.5))
     checks = (*GREEN[:2], LATE, *GREEN[3:])
     for said in (pulse(), MISSED, running(9, checks=checks), running(9, checks=RED), running(9, notice=NOTICE)):
         assert moved(screens, said) == [], said

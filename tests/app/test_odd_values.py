@@ -115,7 +115,7 @@ EVENTS = {
     "a key that is no number": ("unblinded", {"who": "x", "key": {"K1": "one"}}, "key cannot be"),
     "deep nesting": ("note", {"text": DEEP}, "text cannot be"),
     "a controller that is a formula": (
-        "skipped", {"run": 3, "block": 1, "configuration": "three-brake", "controller": "=cmd", "segment": 1,
+        "skipped", {"run": 3, "block": 1, "configuration": "three-brake", "controller": "=cmd", "path": 1,
         "repetition": 1, "reason": ""}, "controller cannot be '=cmd'",
     ),
     "a count below zero": ("break ended", {"settled": -1}, "settled cannot be -1"),
@@ -138,7 +138,7 @@ RECORDINGS = {
     "a run that is a text": ({"run": "1"}, {}, "run cannot be '1'"),
     "another status": ({}, {"status": "victory"}, "status 'victory' is none of"),
     "a controller that is a formula": ({"controller": "=cmd"}, {}, "controller cannot be '=cmd'"),
-    "a path that is a number": ({"path": 3}, {}, "a path must be a table"),
+    "a path that is a number": ({"path_shape": 3}, {}, "a path must be a table"),
     "an energy that is a text": ({}, {"energy_residual_J": "much"}, "energy_residual_J cannot be 'much'"),
 }
 

@@ -167,7 +167,7 @@ def test_the_printed_plan_holds_every_trial_in_order_the_re_rig_and_the_breaks()
     text = changed(PAPER.text, practice_trials="2") + "\n[breaks]\nafter_trials = 12\nleast_s = 90.0\n"
     protocol = protocol_of(text)
     said = print_plan(protocol, "02")
-    assert listed(said) == [(str(t.run), str(t.segment)) for t in make_plan(protocol, "02")]
+    assert listed(said) == [(str(t.run), str(t.path)) for t in make_plan(protocol, "02")]
     four, three = said.index("\nfour-brake\n"), said.index("\nthree-brake\n")
     assert four < said.index("re-rig to three-brake") < three  # participant 2 begins with the other
     assert said.count("  practice\n") == 2 and "60 trials and 4 of practice" in said

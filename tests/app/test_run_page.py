@@ -317,7 +317,7 @@ def test_a_break_cannot_be_ended_before_its_time(screens: Screens, monkeypatch) 
 
 
 def test_the_card_judges_the_whole_trial_also_where_another_page_was_at_the_front_meanwhile(screens: Screens) -> None:
-    rows = movement(PLAN[0].segment, "AEB", 1.5)
+    rows = movement(PLAN[0].path, "AEB", 1.5)
     rows[200, tick_log.LATENESS_US] = 2.0 * tick_log.MISSED_US
     rows[0, (tick_log.PHASE, tick_log.LATENESS_US)] = tick_log.APPROACH, 1e6  # of no consequence
     screens.hear(opened(), runs(0))
@@ -345,7 +345,7 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_with_its_own_flags_and_s
     with session_of(tmp_path, 2) as session:
         rows, folder = tuple(session.rows), str(session.folder)
     screens.hear(opened(folder=folder), ready(1, rows=rows[:1]), runs())
-    late = movement(PLAN[1].segment, "AEB", 1.4)
+    late = movement(PLAN[1].path, "AEB", 1.4)
     late[7, tick_log.LATENESS_US] = tick_log.MISSED_US
     screens.tick(late)
     screens.hear(ready(2, rows=rows))
@@ -366,7 +366,7 @@ def test_a_cell_of_the_plan_opens_the_card_of_its_trial_with_its_own_flags_and_s
 
 
 def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothing_of_them_stays(screens) -> None:
-    over = next(i for i, trial in enumerate(PLAN) if trial.segment == 1)
+    over = next(i for i, trial in enumerate(PLAN) if trial.path == 1)
     screens.participant.show()
     screens.hear(opened(), runs(over))
     rows, run = movement(1, "AEB", 1.0), screens.run
@@ -401,9 +401,9 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
     names = " | ".join(preset.name for preset in PRESETS.values() if preset.name != "None")
     for over in range(10):
-        row = Row((opened(), runs(over, blind=True)), f"path {PLAN[over].segment}", f"{names} | Currents | Energy")
+        row = Row((opened(), runs(over, blind=True)), f"path {PLAN[over].path}", f"{names} | Currents | Energy")
         check(screens, row)
-        screens.tick(movement(PLAN[over].segment, "AEB", 0.4))
+        screens.tick(movement(PLAN[over].path, "AEB", 0.4))
         check(screens, row._replace(said=()))
     assert PRESETS[PLAN[9].controller].name in read(screens.hear(runs(9)))
 
@@ -419,7 +419,7 @@ def test_before_the_session_server_has_said_anything_run_says_so_and_nothing_can
 
 def test_ticks_that_still_waited_are_not_shown_in_the_next_trial(screens: Screens) -> None:
     screens.hear(opened(), runs(0))
-    screens.client.rows = movement(PLAN[0].segment, "AEB", 1.0)[:16]
+    screens.client.rows = movement(PLAN[0].path, "AEB", 1.0)[:16]
     screens.windows.frame()
     screens.hear(runs(1))
     screens.run.show_panels()

@@ -55,7 +55,7 @@ def drive(window: LocalWindow, until) -> None:
             continue
         tip, phase = (row[tick_log.TIP_X], row[tick_log.TIP_Y]), int(row[tick_log.PHASE])
         if hand is None or running.repetition != number:
-            hand, number = SyntheticHand(running.segment, tip), running.repetition
+            hand, number = SyntheticHand(running.path, tip), running.repetition
         window.client.ring.aim(*hand(tip, phase, 0.02))
 
 

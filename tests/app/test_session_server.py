@@ -96,7 +96,7 @@ def test_a_pause_lets_the_running_trial_end_and_no_other_begin(window: Window) -
 
 def test_a_pointer_that_leaves_in_mid_movement_lets_go_and_the_trial_says_so(window: Window) -> None:
     snapshot = window.start()
-    hand, rows = SyntheticHand(snapshot.running.segment, snapshot.tip), window.rows
+    hand, rows = SyntheticHand(snapshot.running.path, snapshot.tip), window.rows
     while np.count_nonzero(rows[:, tick_log.PHASE] == tick_log.MOVE) < 300:
         tip = (rows[-1, tick_log.TIP_X], rows[-1, tick_log.TIP_Y])
         window.client.ring.aim(*hand(tip, int(rows[-1, tick_log.PHASE]), 0.01))

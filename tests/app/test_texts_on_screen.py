@@ -76,7 +76,7 @@ def run(state: str) -> Callable[[Screens], None]:
         for said in RUN_STATES[state]:
             screens.hear(said)
             if isinstance(said, m.Snapshot) and said.running is not None:
-                screens.tick(movement(PLAN[37].segment, "AEBC", 1.5))
+                screens.tick(movement(PLAN[37].path, "AEBC", 1.5))
 
     return show
 

@@ -19,9 +19,9 @@ WITHIN_PX = 1.0
 Said = dict[int, list[object]]  # after so many ticks of all: what the server says
 
 
-def whole(segment: int, generator: np.random.Generator) -> np.ndarray:
+def whole(path: int, generator: np.random.Generator) -> np.ndarray:
     """A trial from approach to end: a hand that trembles, swings out to 11 mm, and is fast at the end."""
-    moved = movement(segment, "AEB", float(generator.uniform(0.4, 1.2)), 2.0)
+    moved = movement(path, "AEB", float(generator.uniform(0.4, 1.2)), 2.0)
     t = np.arange(len(moved)) / len(moved)
     moved[:, tick_log.TIP_X] += 0.011 * np.sin(2.0 * np.pi * 3.0 * t) * t + 0.0004 * np.sin(2.0 * np.pi * 60.0 * t)
     moved[:, tick_log.TIP_Y] += 0.011 * np.cos(2.0 * np.pi * 5.0 * t) * t**2
@@ -59,7 +59,7 @@ def test_in_a_session_both_windows_paint_every_tick_of_a_movement_whichever_fram
     screens.participant.resize(1280, 720)
     screens.participant.show()
     views = screens.run.workspace.view, screens.participant.view
-    trials = [whole(PLAN[over].segment, generator) for over in range(3)]
+    trials = [whole(PLAN[over].path, generator) for over in range(3)]
     for begun in ((0,), (1, 2)):  # one alone; one after the other without a pause
         rows, said, at = np.concatenate([trials[one] for one in begun]), Said(), 0
         for one in begun:

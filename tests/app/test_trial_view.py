@@ -32,7 +32,7 @@ from experiments.study.playback import read_playback, ticks_of
 
 THREE = load_device("three-brake")
 ABOUT = {
-    "participant": "03", "run": 7, "configuration": "three-brake", "controller": 3, "segment": 1, "rules": "settled",
+    "participant": "03", "run": 7, "configuration": "three-brake", "controller": 3, "path": 1, "rules": "settled",
     "preset": {"name": "SDOF with gap"}, "start_m": ALONG.start_m, "end_m": ALONG.end_m, "block": 2,
 }  # fmt: skip
 ROWS = trial(THREE, ALONG, 3.0)

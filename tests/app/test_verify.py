@@ -116,7 +116,7 @@ SPOILT = {
         lambda d: (d / SESSION / DATABASE).write_bytes((d / SESSION / DATABASE).read_bytes()[:20_000]),
         f"{SESSION}", "is damaged",
     ),
-    "newer": (newer, SESSION, "is of format 7, this version of PHD reads formats up to 1: take a newer one"),
+    "newer": (newer, SESSION, "is of format 7, this version of PHD reads format 2: use the version that recorded it"),
     "foreign": (lambda d: (d / SESSION / DATABASE).write_bytes(b"x" * 9999), SESSION, "is damaged"),
     "session gone": (lambda d: shutil.rmtree(d / "sub-01"), SESSION, "is missing, and study.db counts it"),
 }  # fmt: skip

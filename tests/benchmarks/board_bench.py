@@ -109,12 +109,12 @@ class Setting(NamedTuple):
     @property
     def start(self) -> tuple[float, float]:
         """Where the handle is at first, m: at the start of the path, with a device that was never moved."""
-        path = build_path(self.protocol.paths[self.planned.segment], "path")
+        path = build_path(self.protocol.paths[self.planned.path], "path")
         return path.x0, path.y0
 
     def operator(self) -> EmulatedOperator:
         """The person's hand at the start, which goes by the phases of the trial alone."""
-        path = build_path(self.protocol.paths[self.planned.segment], "path")
+        path = build_path(self.protocol.paths[self.planned.path], "path")
         operator = EmulatedOperator(self.person, path, self.start, self.generator())
         operator.go_on = lambda x, y: None
         return operator
@@ -123,7 +123,7 @@ class Setting(NamedTuple):
     def conditions(self) -> Conditions:
         protocol, planned = self.protocol, self.planned
         preset = protocol.controllers[int(planned.controller)]
-        return Conditions(protocol.paths[planned.segment], preset, protocol.rules, protocol.trial)
+        return Conditions(protocol.paths[planned.path], preset, protocol.rules, protocol.trial)
 
 
 def settings(protocol: Protocol) -> list[Setting]:

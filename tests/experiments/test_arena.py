@@ -50,9 +50,9 @@ def chatter(kind, sensing):
     """Chatter (1/s), mean over every display and path."""
     assumed = replace(ARENA.assumptions, sensing=sensing)
     arena, found = replace(ARENA, assumptions=assumed, trial=replace(ARENA.trial, assumptions=assumed)), []
-    for number, device, segment in itertools.product((1,), arena.devices, arena.paths):
+    for number, device, path in itertools.product((1,), arena.devices, arena.paths):
         person = person_of(load_population(), arena.seed, number)
-        planned = PlannedTrial(1, 1, device.name, 1, segment, 1)
+        planned = PlannedTrial(1, 1, device.name, 1, path, 1)
         trial = trial_of(arena, person, number, planned, switched_on(device, arena), SHIPPED[kind])
         found.append(run_measured(trial, "", [BY_NAME["chatter_per_s"]])[0].value("chatter_per_s"))
     return np.mean(found)

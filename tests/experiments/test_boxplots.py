@@ -33,11 +33,11 @@ def view_of(labels, **more):
     return View(BOTH, labels, colours={number: number - 1 for number in labels}, **more)
 
 
-def study(participants=3, blocks=(1, 2, 3), segments=(1, 2), controllers=range(1, 6)):
+def study(participants=3, blocks=(1, 2, 3), paths=(1, 2), controllers=range(1, 6)):
     generator = np.random.default_rng(0)
     return [
         TrialRow(
-            f"{p:02}", 1, block, configuration, controller, segment, block, "done",
+            f"{p:02}", 1, block, configuration, controller, path, block, "done",
             measures={
                 "path_error_m": 1e-3 * float(generator.lognormal()),
                 "mean_tip_force_N": float(generator.lognormal()),
@@ -48,7 +48,7 @@ def study(participants=3, blocks=(1, 2, 3), segments=(1, 2), controllers=range(1
         for configuration in BOTH
         for block in blocks
         for controller in controllers
-        for segment in segments
+        for path in paths
     ]  # fmt: skip
 
 

@@ -144,7 +144,7 @@ def test_a_recorded_trial_is_looked_at_with_its_row_and_its_distance_from_the_pa
     )
     moving = ~np.isnan(trial.error)
     tip = np.column_stack([recording.columns[name] for name in ("tip_x_m", "tip_y_m")])[moving]
-    away = along_path(tip, build_path(PAPER.paths[trial.row.segment], "path"))[1]
+    away = along_path(tip, build_path(PAPER.paths[trial.row.path], "path"))[1]
     assert np.abs(trial.error[moving][1:] - away[:-1]).max() < 40e-6  # m: seen a tick late, in whole counts
     assert trial.controllers[trial.row.controller] == trial.controller and not trial.blind
     with pytest.raises(InputError, match="its session has no device 'seven-brake'"):

@@ -52,9 +52,9 @@ def mouse_trial(data, hand="mouse"):
     rows[5, tick_log.TORQUE] = np.nan
     rows[6, tick_log.TORQUE] = np.inf
     rows[7, tick_log.TORQUE : tick_log.TORQUE + 4] = 0.1 + 0.2, -0.0, 5e-324, 1.7976931348623157e308
-    about = dict(participant="p7", run=104, block=1, configuration="my five-bar 2", controller=2, segment=1)
+    about = dict(participant="p7", run=104, block=1, configuration="my five-bar 2", controller=2, path=1)
     path = {"kind": "segment", "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4]}
-    metadata = {**about, "repetition": 1, "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4], "path": path, "hand": hand}
+    metadata = {**about, "repetition": 1, "start_m": [-0.1, 0.4], "end_m": [0.1, 0.4], "path_shape": path, "hand": hand}
     outcome = {"status": "timeout", "reason": "time was up"}
     path = recorded(folder, rows, "AEBC", outcome, metadata=metadata, run=104)
     with Database(folder) as database:

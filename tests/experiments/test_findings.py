@@ -184,7 +184,7 @@ def test_a_missing_controller_or_device_is_named_and_nothing_is_said_about_it():
     assert [one.verdict for one in one_device] == [HOLDS] * 9 + [CANNOT_TELL, HOLDS]
     assert "on four-brake" in one_device[9].sentence
     assert {one.verdict for one in findings(as_table([]))} == {CANNOT_TELL}
-    one_trial_each = [row for row in study(people=1, wider=1.0) if (row.segment, row.repetition) == (1, 1)]
+    one_trial_each = [row for row in study(people=1, wider=1.0) if (row.path, row.repetition) == (1, 1)]
     assert findings(as_table(one_trial_each))[2].sentence == (
         "Path error without control does not vary, as that of a single trial."
     )

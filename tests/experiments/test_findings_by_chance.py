@@ -22,7 +22,7 @@ def shares_of(population: str, generator: np.random.Generator) -> np.ndarray:
     same = structs.replace(protocol, controllers=dict.fromkeys(protocol.controllers, protocol.controllers[1]))
     tasks: dict[str, dict[tuple[str, int], list[TrialRow]]] = {}
     for row, _ in study_trials(same, load_population(population), OPERATORS, JUDGED):
-        tasks.setdefault(row.participant, {}).setdefault((row.configuration, row.segment), []).append(row)
+        tasks.setdefault(row.participant, {}).setdefault((row.configuration, row.path), []).append(row)
     held = []
     for _ in range(TRIPLES):
         rows = []

@@ -13,16 +13,16 @@ from experiments.trial.trial import Conditions, SimulatedTrial
 
 PAPER = load_protocol()
 SIDES = np.radians([0.0, 90.0, 180.0, 270.0])
-CASES = [(device, segment) for device in PAPER.devices for segment in PAPER.paths]
+CASES = [(device, path) for device in PAPER.devices for path in PAPER.paths]
 LEAP_M = 0.3
 
 
-def pulled(device, segment: int, places: np.ndarray) -> tuple[np.ndarray, SimulatedDevice]:
+def pulled(device, path: int, places: np.ndarray) -> tuple[np.ndarray, SimulatedDevice]:
     """The log and the device after the pointer has gone through places (ticks, 2), the handle at the first of them."""
     model = SimulatedDevice(device, tuple(places[0]), PAPER.mouse.hand())
-    planned = PlannedTrial(0, 0, device.name, 1, segment, 1)
+    planned = PlannedTrial(0, 0, device.name, 1, path, 1)
     trial = SimulatedTrial(
-        model, planned, Conditions(PAPER.paths[segment], PAPER.controllers[1], PAPER.rules, PAPER.trial)
+        model, planned, Conditions(PAPER.paths[path], PAPER.controllers[1], PAPER.rules, PAPER.trial)
     )
     rows = np.zeros((len(places), tick_log.WIDTH))
     for n, (x, y) in enumerate(places):
@@ -31,14 +31,14 @@ def pulled(device, segment: int, places: np.ndarray) -> tuple[np.ndarray, Simula
     return rows, model
 
 
-@pytest.mark.parametrize(("device", "segment"), CASES)
-def test_a_pointer_brought_to_the_start_brings_the_handle_into_its_circle_from_every_side(device, segment) -> None:
-    start = np.array(PAPER.paths[segment].start_m)
+@pytest.mark.parametrize(("device", "path"), CASES)
+def test_a_pointer_brought_to_the_start_brings_the_handle_into_its_circle_from_every_side(device, path) -> None:
+    start = np.array(PAPER.paths[path].start_m)
     share = np.minimum(np.arange(1100) / 800.0, 1.0)  # 5 cm in 0.8 s, a minimum jerk, then rest
     share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     for side in SIDES:
         away = 0.05 * np.array([math.cos(side), math.sin(side)])
-        rows, _ = pulled(device, segment, start + away * (1.0 - share)[:, None])
+        rows, _ = pulled(device, path, start + away * (1.0 - share)[:, None])
         off = rows[-1, [tick_log.TIP_X, tick_log.TIP_Y]] - start
         assert math.hypot(*off) < 0.85 * PAPER.trial.start_radius_m
 

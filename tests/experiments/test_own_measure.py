@@ -143,7 +143,7 @@ def test_a_file_that_declares_no_measures_is_refused_in_a_sentence(text: str, wa
 def test_an_answer_that_is_no_finite_number_is_said(study, answer: str, wanted: str):
     text = f"{MEASURE}\nMEASURES = (Measure('a', 'A', '', lambda m: {answer}),)\n"
     recording = read_recording(study.out / read_rows(study.out / "trials.csv")[0].recording)
-    path = build_path(path_from(recording.metadata["path"], "path"), "path")
+    path = build_path(path_from(recording.metadata["path_shape"], "path"), "path")
     measured, failed = measure(recording, path, (), metrics_in(measures_of("odd", text)))
     assert re.search(wanted, failed.get("a", "")) and (measured == {}) == bool(wanted)
     assert wanted or (measured == {"a": 0.5} and isinstance(measured["a"], float) and not failed)

@@ -47,7 +47,7 @@ def test_every_cell_stands_as_often_in_each_block_and_no_controller_comes_twice_
     devices, controllers, paths, blocks, repetitions, seed, participant
 ):
     plan = plan_of(devices, controllers, paths, blocks, repetitions, seed, str(participant))
-    cells = Counter((t.configuration, t.block, t.controller, t.segment) for t in plan)
+    cells = Counter((t.configuration, t.block, t.controller, t.path) for t in plan)
     assert len(cells) == devices * blocks * controllers * paths and set(cells.values()) == {repetitions}
     assert never_twice_running(plan) and [trial.run for trial in plan] == list(range(1, len(plan) + 1))
     in_block = controllers * paths * repetitions
@@ -55,8 +55,8 @@ def test_every_cell_stands_as_often_in_each_block_and_no_controller_comes_twice_
     assert len(list(dict.fromkeys(t.configuration for t in plan[:: in_block * blocks]))) == devices
     met = Counter()
     for t in plan:  # repetition counts the same cell of a configuration in the order in which it is met
-        met[t.configuration, t.controller, t.segment] += 1
-        assert t.repetition == met[t.configuration, t.controller, t.segment]
+        met[t.configuration, t.controller, t.path] += 1
+        assert t.repetition == met[t.configuration, t.controller, t.path]
 
 
 def test_codes_take_the_places_of_the_controllers_in_a_blind_plan():
@@ -71,9 +71,9 @@ def test_practice_goes_through_all_cells_before_it_repeats_one_and_is_not_the_pl
     drawn = [practice_trial(PAPER, "01", "four-brake", number) for number in range(1, 21)]
     assert {t.block for t in drawn} == {0} and [t.run for t in drawn] == list(range(1, 21))
     assert never_twice_running(drawn)
-    cells = [(t.controller, t.segment) for t in drawn]
+    cells = [(t.controller, t.path) for t in drawn]
     assert set(cells[:10]) == set(cells[10:]) == CELLS
-    plan = [(t.controller, t.segment) for t in make_plan(PAPER, "01") if t.configuration == "four-brake"]
+    plan = [(t.controller, t.path) for t in make_plan(PAPER, "01") if t.configuration == "four-brake"]
     assert cells[:10] != plan[:10]
 
 
@@ -94,7 +94,7 @@ def test_the_hash_follows_the_content_and_survives_storage():
     assert plan_from_json(plan_to_json(plan)) == plan
     others = [
         (*plan[:7], plan[7]._replace(**{field: value}), *plan[8:])
-        for field, value in dict(controller=9, segment=9, block=9, repetition=9, configuration="x").items()
+        for field, value in dict(controller=9, path=9, block=9, repetition=9, configuration="x").items()
     ]
     assert len({plan_hash(plan), *map(plan_hash, others), plan_hash(plan[:-1])}) == 7
     with pytest.raises(InputError, match="each trial needs exactly run, block"):

@@ -124,9 +124,9 @@ def test_an_interrupted_study_goes_on_with_what_it_was_begun_with(interrupted, c
     for participant in ("01", "02", "03"):
         mine = [row for row in rows if row.participant == participant]
         plan = read_stored(interrupted / f"sub-{participant}" / "ses-01").plan
-        planned = Counter((t.configuration, t.controller, t.segment, t.block) for t in plan)
+        planned = Counter((t.configuration, t.controller, t.path, t.block) for t in plan)
         counted = [row for row in mine if row.status in COUNTED]
-        assert Counter((r.configuration, r.controller, r.segment, r.block) for r in counted) == planned
+        assert Counter((r.configuration, r.controller, r.path, r.block) for r in counted) == planned
     assert [(row.run, row.status) for row in rows if row.status not in COUNTED] == [(4, "recovered")]
     assert verify(interrupted)["faults"] == [] and (interrupted / "figures" / "boxplots.png").is_file()
     after = files(interrupted)

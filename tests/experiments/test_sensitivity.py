@@ -88,8 +88,8 @@ def test_the_rows_of_a_sample_are_the_trials_of_a_study_with_its_values_and_seed
     assert study.protocol.low_gain == sample.values["assumptions.low_gain"]
     trials = [row for row, _ in study_trials(study.protocol, study.populations[0], 1)]
     ours = pd.read_csv(whole / "sensitivity.csv").query("sample == 2")
-    assert ours[["configuration", "controller", "segment"]].values.tolist() == [
-        [row.configuration, row.controller, row.segment] for row in trials
+    assert ours[["configuration", "controller", "path"]].values.tolist() == [
+        [row.configuration, row.controller, row.path] for row in trials
     ]
     for metric in JUDGED:
         assert ours[metric.name].tolist() == [float(f"{row.value(metric.name):.6g}") for row in trials]
@@ -273,7 +273,7 @@ def test_pairs_that_exclude_each_other_are_found_and_independent_ones_are_not():
 
 def made_trials(n: int, people: int = 3) -> pd.DataFrame:
     """Studies whose five controllers do nothing: people and trials differ, by a fifth and a quarter."""
-    place = ["sample", "configuration", "controller", "participant", "segment", "repetition"]
+    place = ["sample", "configuration", "controller", "participant", "path", "repetition"]
     levels = [range(1, n + 1), ("three-brake", "four-brake"), range(1, 6), range(1, people + 1), (1, 2), (1, 2, 3)]
     trials = pd.MultiIndex.from_product(levels, names=place).to_frame(index=False)
     generator = np.random.default_rng(1)

@@ -44,7 +44,7 @@ def test_the_integration_errs_little_and_most_where_brakes_switch_and_the_fideli
 
 
 def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
-    [planned] = [one for one in make_plan(PROTOCOL, "01", coded=False) if (one.controller, one.segment) == (3, 1)]
+    [planned] = [one for one in make_plan(PROTOCOL, "01", coded=False) if (one.controller, one.path) == (3, 1)]
 
     def rows(substeps):
         trial = SimulatedTrial(

@@ -54,8 +54,8 @@ def study(people=6, error=lambda row: 1e-3 * row.controller, duration=lambda row
             tasks = [(k, s, r) for k in range(1, 6) for s in (1, 2) for r in range(1, 5)]
             for i in generator.permutation(len(tasks)):
                 run += 1
-                controller, segment, repetition = tasks[i]
-                row = TrialRow(f"{p:02}", run, repetition, device, controller, segment, repetition, "done")
+                controller, path, repetition = tasks[i]
+                row = TrialRow(f"{p:02}", run, repetition, device, controller, path, repetition, "done")
                 row = with_measures(row, duration_s=duration(row))
                 rows.append(with_measures(row, path_error_m=error(row), mean_tip_force_N=float(generator.lognormal())))
     return rows

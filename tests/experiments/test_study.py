@@ -36,7 +36,7 @@ ALSO_NAMED = [
     "decision", "lateness_us", "energy_hand_J", "energy_brakes_J", "energy_kinetic_J", "energy_stops_J",
 ]  # fmt: skip
 TABLE = (
-    "participant,run,block,configuration,controller,segment,repetition,status,path_error_m,path_error_time_m,"
+    "participant,run,block,configuration,controller,path,repetition,status,path_error_m,path_error_time_m,"
     "mean_tip_force_N,acceleration_dft_sum,acceleration_weighted_rms_m_s2,force_over_progress_N,duration_s,"
     "peak_error_m,path_length_ratio,sparc,switches_per_s,unreachable_share,recording,energy_residual_J,"
     "energy_added_max_J,acceleration_exact_dft_sum,locked_share,released_share,acceleration_dft_sum_ramp_removed"
@@ -132,7 +132,7 @@ def test_a_disk_that_is_full_for_one_operator_stops_all_and_the_study_goes_on_la
 
 def test_no_trial_changes_the_draws_that_the_others_take_which_are_those_of_the_generator():
     first, _ = next(study_trials(short(seed="8"), load_population("average"), 1))
-    key = 8, 1, first.segment, first.repetition
+    key = 8, 1, first.path, first.repetition
     generator = np.random.default_rng(np.random.SeedSequence(key))
     kept = normals(*key)
     for size in (6, (NOISE_DRAWS, 2)):

@@ -65,9 +65,9 @@ def whole(tmp_path_factory) -> tuple[dict, Path]:
 def test_every_cell_stands_in_the_table_once_and_no_brake_added_energy(whole):
     summary, out = whole
     rows = csv_rows(out / "sweep.csv")
-    assert summary["trials"] == len(rows) == 4 * 2 * 2  # controllers, people, segments
+    assert summary["trials"] == len(rows) == 4 * 2 * 2  # controllers, people, paths
     assert tuple(rows[0]) == load_sweep(out.parent / "sweep.toml").columns
-    cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["operator"], r["segment"]) for r in rows]
+    cells = [(r["kind"], r["gap_m"], r["gain_N_s_m"], r["participant"], r["path"]) for r in rows]
     assert len(set(cells)) == len(cells)
     assert {(r["kind"], float(r["gap_m"]), float(r["gain_N_s_m"])) for r in rows} == {
         ("none", 0.0, 0.0), ("sdof", 0.0, 0.0), ("sdof", 0.005, 0.0), ("proportional", 0.0, 400.0)
@@ -102,7 +102,7 @@ def test_a_sweep_draws_each_key_against_each_measure_and_names_the_one_that_move
         one = BY_NAME[line["measure"]]
         key, _, kind = line["key"].partition(" of ")
         here = frame[(frame["kind"] == (kind or line["value"])) & (frame[key].astype(str) == line["value"])]
-        each = one.scale * here.groupby("operator")[one.name].mean()
+        each = one.scale * here.groupby("participant")[one.name].mean()
         assert float(line["mean"]) == pytest.approx(each.mean())
         first = next(other for other in lines if (other["key"], other["measure"]) == (line["key"], line["measure"]))
         assert float(line["difference"]) == pytest.approx(float(line["mean"]) - float(first["mean"]))
@@ -206,9 +206,9 @@ def test_controllers_rank_by_the_median_of_people_and_half_of_the_people_rank_th
     for measure in dict.fromkeys(line["measure"] for line in lines):
         here = {line["controller"]: line for line in lines if line["measure"] == measure}
         cells = {(name, person): [float(row[measure]) for row in rows
-                                  if (row["controller_name"], row["operator"]) == (name, person) and row[measure]]
-                 for name in here for person in "12"}  # fmt: skip
-        scores = np.array([[np.mean(cells[name, person]) for name in here] for person in "12"])
+                                  if (row["controller_name"], row["participant"]) == (name, person) and row[measure]]
+                 for name in here for person in ("01", "02")}  # fmt: skip
+        scores = np.array([[np.mean(cells[name, person]) for name in here] for person in ("01", "02")])
         scores *= BY_NAME[measure].scale
         sign = -1.0 if BY_NAME[measure].better == "higher" else 1.0
         assert [float(line["value"]) for line in here.values()] == pytest.approx(np.median(scores, axis=0))

@@ -30,7 +30,7 @@ from experiments.store.recording import read_recording
 from tests.support.rows import read_rows, with_measures, write_rows
 
 PROMISED = (
-    "participant, run, block, configuration, controller, segment, repetition, status, path_error_m, "
+    "participant, run, block, configuration, controller, path, repetition, status, path_error_m, "
     "path_error_time_m, mean_tip_force_N, acceleration_dft_sum, acceleration_weighted_rms_m_s2, "
     "force_over_progress_N, duration_s, peak_error_m, path_length_ratio, sparc, switches_per_s, "
     "unreachable_share, recording, energy_residual_J, energy_added_max_J"

@@ -86,7 +86,7 @@ def opened(participant: str = "01", protocol: Protocol = PAPER, **changes) -> m.
 def result(trial: PlannedTrial, status: str = "done", error: float = 0.002) -> TrialRow:
     """The row of a trial that is over."""
     return TrialRow(
-        "01", trial.run, trial.block, trial.configuration, trial.controller, trial.segment, trial.repetition, status,
+        "01", trial.run, trial.block, trial.configuration, trial.controller, trial.path, trial.repetition, status,
         recording=f"trials/run-{trial.run:03d}.parquet",
         measures={
             "path_error_m": error, "mean_tip_force_N": 3.0, "acceleration_dft_sum": 40.0, "duration_s": 2.4,
@@ -146,11 +146,11 @@ def ticks(phase: int, n: int = 16, taken: bool = True, start: float = 0.0, **col
     return rows
 
 
-def movement(segment: int, brakes: str, seconds: float = 3.0, total: float = 4.0) -> np.ndarray:
+def movement(path: int, brakes: str, seconds: float = 3.0, total: float = 4.0) -> np.ndarray:
     """Ticks of a plausible movement along a segment: the first seconds of one that takes `total`."""
     t = np.arange(0.0, seconds, 1e-3)
     rows = np.zeros((len(t), tick_log.WIDTH))
-    (x0, y0), (x1, y1) = PATHS[segment].start_m, PATHS[segment].end_m
+    (x0, y0), (x1, y1) = PATHS[path].start_m, PATHS[path].end_m
     share = np.clip(t / total, 0.0, 1.0)
     along = 10 * share**3 - 15 * share**4 + 6 * share**5
     off = 0.004 * np.sin(2 * math.pi * 0.7 * t) * along**0.3

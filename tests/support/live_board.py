@@ -98,7 +98,7 @@ class BoardSession:
                 coming = window.snapshot.coming
                 window.client.send(m.Skip("the brakes may never act"))
                 window.until(lambda s, before=coming: s.coming != before)
-            path = window.opened.protocol.paths[window.snapshot.coming.segment]
+            path = window.opened.protocol.paths[window.snapshot.coming.path]
             self.emulated.order(path=msgspec.to_builtins(half(path)))
             window.ticks.clear()
             before = window.snapshot.notice

@@ -79,7 +79,7 @@ def run_to_move(trial, writer) -> None:
 def move_to_the_end(trial, writer, most: int = 60_000) -> None:
     """A hand at the mouse that follows the trial to its end."""
     tip = trial.simulation.body["tip"][0]
-    hand, rows = SyntheticHand(trial.planned.segment, (tip[0], tip[1])), np.empty((20, tick_log.WIDTH))
+    hand, rows = SyntheticHand(trial.planned.path, (tip[0], tip[1])), np.empty((20, tick_log.WIDTH))
     while not trial.finished and trial.ticks < most:
         trial.aim(*hand((tip[0], tip[1]), tick_log.PHASES.index(trial.phase), 0.02))
         writer.write(rows[: trial.run(rows)])

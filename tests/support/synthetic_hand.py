@@ -13,9 +13,9 @@ LONGEST_S = 0.03  # that a hand moves on before it looks again: one that sees fo
 class SyntheticHand:
     """Where the pointer goes next, from what a person sees: the handle and the phase of the trial."""
 
-    def __init__(self, segment: int, tip: tuple[float, float]) -> None:
-        path = PAPER.paths[segment]
-        self._start, self._end = np.array(path.start_m), np.array(path.end_m)
+    def __init__(self, path: int, tip: tuple[float, float]) -> None:
+        shape = PAPER.paths[path]
+        self._start, self._end = np.array(shape.start_m), np.array(shape.end_m)
         self._at, self._beyond = np.array(tip), np.zeros(2)
         self._goal = self._start
 

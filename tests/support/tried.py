@@ -14,7 +14,7 @@ GAINS_FELT = 11.5  # N s/m and more
 def tried(settings: m.SandboxSettings = INITIAL, *passes: m.Pass, **changes) -> m.Snapshot:
     """A pass is running with these settings."""
     state = m.SandboxState(settings, INITIAL, (), False, GAINS_FELT, passes)._replace(**changes)
-    planned = PRACTICE._replace(segment=settings.path, controller=settings.controller, repetition=len(passes) + 1)
+    planned = PRACTICE._replace(path=settings.path, controller=settings.controller, repetition=len(passes) + 1)
     return m.Snapshot(m.RUNNING, checks=GREEN, running=planned, practice=True, tip=(0.1, 0.4), sandbox=state)
 
 

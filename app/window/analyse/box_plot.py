@@ -215,7 +215,7 @@ def fitted(name: str, room: float) -> str:
 
 def symbol_of(row: TrialRow | None) -> str:
     """The shape of a trial's point: that of its path; an answer has that of the first."""
-    return SYMBOLS[0 if row is None else (row.segment - 1) % len(SYMBOLS)]
+    return SYMBOLS[0 if row is None else (row.path - 1) % len(SYMBOLS)]
 
 
 def trial_of(row: TrialRow | None) -> tuple[str, int] | None:

@@ -283,7 +283,7 @@ class ParticipantWindow(QWidget):
             return
         self._phase, self._early_s = -1, -LEFT_EARLY_S
         protocol = self._opened.protocol
-        self.view.show_path(protocol.paths[planned.segment])
+        self.view.show_path(protocol.paths[planned.path])
         self.view.show_linkage(protocol.device(planned.configuration) if protocol.show_linkage else None)
         self.view.show_handle(tip)
 

@@ -335,7 +335,7 @@ class RunPage(Page):
             self._shown, self._earlier = now, None
             self._clear_trial()
             device = opened.protocol.device(now.configuration)
-            self.workspace.view.show_trial(device, opened.protocol.paths[now.segment], snapshot.tip)
+            self.workspace.view.show_trial(device, opened.protocol.paths[now.path], snapshot.tip)
             self.strip.show_trial(device)
             if snapshot.running is not None:
                 self._write_phase(tick_log.APPROACH, taken=False)

@@ -172,7 +172,7 @@ def ended(row: TrialRow) -> str:
 
 def cell(planned: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) -> str:
     """Controller and path of a trial; the controller is left out while blind."""
-    path = f"path {planned.segment}"
+    path = f"path {planned.path}"
     return path if blind else f"{opened.protocol.controller_name(planned.controller)} · {path}"
 
 
