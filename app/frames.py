@@ -76,11 +76,11 @@ def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
     progress: bool = False,
     **overrides: Any,
 ) -> pd.DataFrame:
-    """The trials of a study of simulated people, one row each: the numbers of `phd study`, without recordings.
+    """The trials of a study of simulated operators, one row each: the numbers of `phd study`, without recordings.
 
     protocol, population, devices: shipped names or files; a protocol also as `protocol` returns it, devices as `device`
     or `load_device` does.
-    operators: number of people.
+    operators: their number.
     n_jobs: number of processes, -1: one per core; the results do not depend on it. progress: a bar on stderr.
     overrides: seed, rules, low_gain, sensing, in place of the protocol's. InputError for wrong input.
     """

@@ -64,7 +64,7 @@ HandFunction = Callable[[HandTick], Sequence[float] | np.ndarray]
 
 
 class SimulatedPerson:
-    """A simulated person as the hand of a session: the same as in `phd study` for the same participant and seed."""
+    """A simulated operator as the hand of a session: the same as in `phd study` for the same participant and seed."""
 
     def __init__(self, population: str | Path = USUAL) -> None:
         """population: a shipped name or a file. InputError if it does not exist."""
