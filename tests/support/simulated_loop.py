@@ -15,13 +15,13 @@ from app.ipc.messages import Setup
 from app.ipc.ring import HAND_BACK, Ring
 from app.ipc.scheduling import Scheduling
 from app.loop.loop import Loop
-from app.loop.real_time import end_early, put, take_aim
+from app.loop.real_time import end_early, take_aim
 from app.session_server.commands import do
 from app.session_server.server import read_protocol
 from app.session_server.state import ServerState
 from core import tick_log
 from experiments.store.files import hold_lock
-from experiments.trial.tick import run_ticks
+from experiments.trial.tick import RunningTrial, run_ticks
 from hardware.serial_device import SerialDevice
 
 SCHEDULING = Scheduling(False, False, -1, "simulated time")
@@ -53,25 +53,31 @@ class SimulatedLoop:
         return answers
 
     def _advance(self) -> None:
-        """As `real_time.run_trial`, without waiting."""
-        ring, running, row = self._ring, self._trial.arguments(), np.zeros((1, tick_log.WIDTH))
-        grip = running.data.hand.grips[0]
-        for _ in range(PIECE):
-            if ring.control.stop == HAND_BACK:
-                break
-            end_early(ring.controls, running.run, int(ring.control.server_beat), len(ring.rows))  # never silent
-            if not running.run["simulated_hand"][0]:
-                take_aim(ring.control, grip, running.data.body[0].tip, running.run["phase"][0], self._force_max)
-                running.run["held"][0] = ring.control.taken
-            run_ticks(running, row)
-            put(ring.controls, ring.rows, row[0])
-            if self._trial.finished:
-                break
-        else:
-            return
-        grip.force_max = self._force_max
-        self._answers.append(TrialReturned(self._trial.state))
-        self._trial = None
+        """As `real_time.run_trial`, without waiting. The controls change between two looks alone."""
+        control, running = self._ring.control, self._trial.arguments()
+        if control.stop != HAND_BACK:
+            end_early(self._ring.controls, running.run, int(control.server_beat), len(self._ring.rows))  # never silent
+        ticks = 0
+        while ticks < PIECE and control.stop != HAND_BACK and not self._trial.finished:
+            ticks += self._run(running, PIECE - ticks)
+        if ticks < PIECE:
+            running.data.hand.grips[0].force_max = self._force_max
+            self._answers.append(TrialReturned(self._trial.state))
+            self._trial = None
+
+    def _run(self, running: RunningTrial, most: int) -> int:
+        """So many ticks, or one where the hand follows the handle; how many."""
+        ring, grip = self._ring, running.data.hand.grips[0]
+        if not running.run["simulated_hand"][0]:
+            take_aim(ring.control, grip, running.data.body[0].tip, running.run["phase"][0], self._force_max)
+            running.run["held"][0] = ring.control.taken
+            most = most if ring.control.taken else 1
+        rows = np.zeros((most, tick_log.WIDTH))
+        ticks = run_ticks(running, rows)
+        head = int(ring.control.head)
+        ring.rows[(head + np.arange(ticks)) % len(ring.rows)] = rows[:ticks]
+        ring.control.head = head + ticks
+        return ticks
 
     def kill(self) -> None:
         self.closed = True
