@@ -13,7 +13,7 @@ import io
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -211,11 +211,18 @@ def as_table(rows: Iterable[TrialRow]) -> Trials:
 def as_rows(trials: Trials) -> list[TrialRow]:
     """A table as rows."""
     places = [each.name for each in fields(TrialRow) if each.name in _PLACES]
-    values = trials[places].astype(object).where(trials[places].notna(), None)
-    numbers = trials[[name for name in trials if name not in _PLACES]]
+    numbers = [name for name in trials if name not in _PLACES]
+
+    def cells(names: Sequence[str]) -> Iterator[dict]:
+        rows = zip(*(trials[name].tolist() for name in names), strict=True)
+        return (dict(zip(names, row, strict=True)) for row in rows)
+
     return [
-        TrialRow(**place, measures={name: value for name, value in measured.items() if value == value})
-        for place, measured in zip(values.to_dict("records"), numbers.to_dict("records"), strict=True)
+        TrialRow(
+            **{name: value if value == value else None for name, value in place.items()},
+            measures={name: value for name, value in measured.items() if value == value},
+        )
+        for place, measured in zip(cells(places), cells(numbers), strict=True)
     ]
 
 
