@@ -52,30 +52,34 @@ class BoardSession:
         self.window.client.send(m.Open("01"))
         self.window.until(lambda s: lets_go(s))
 
+    def allow(self) -> None:
+        """Brakes are allowed, or the board comes back."""
+        self._do_what_is_asked(lambda s: self.device().state == m.GOOD and not s.brakes_off)
+
     def make_ready(self) -> None:
         """What the bench asks for is done until a trial may start: zero, brakes allowed; or the board comes back."""
-        asked, end, away = 0.0, time.perf_counter() + 0.6 * LONG_S, False
-        while not self._may_start():
+        self._do_what_is_asked(lambda s: not s.trial_blocker)
+
+    def _do_what_is_asked(self, until: Callable[[m.Snapshot], bool]) -> None:
+        allowed = confirmed = 0.0  # when
+        end, away = time.perf_counter() + 0.6 * LONG_S, False
+        while True:
+            self.window.look()
             now, snapshot = time.perf_counter(), self.window.snapshot
+            if until(snapshot):
+                break
             assert now < end, f"nothing can be started; the last was {snapshot}"
-            if snapshot is not None and now - asked > AGAIN_S:
-                if snapshot.brakes_off:
-                    asked = now
-                    self.window.client.send(m.AllowBrakes())
-                elif lets_go(snapshot):
-                    away = True
-                    self.rest()
-                    asked = time.perf_counter()
-                    self.window.client.send(m.Confirm())
+            if snapshot.brakes_off and now - allowed > AGAIN_S:
+                allowed = now
+                self.window.client.send(m.AllowBrakes())
+            elif lets_go(snapshot) and now - confirmed > AGAIN_S:
+                away = True
+                self.rest()
+                confirmed = time.perf_counter()
+                self.window.client.send(m.Confirm())
             time.sleep(0.005)
         if away:
             self.emulated.order(away=False)
-
-    def _may_start(self) -> bool:
-        self.window.look()
-        s = self.window.snapshot
-        fit = s is not None and not {check.state for check in s.checks} & {m.BAD, m.WAITING}
-        return fit and s.stage == m.READY and not s.brakes_off
 
     def rest(self) -> None:
         """Nobody holds the handle, and it rests."""
