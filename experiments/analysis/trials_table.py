@@ -213,17 +213,15 @@ def as_rows(trials: Trials) -> list[TrialRow]:
     places = [each.name for each in fields(TrialRow) if each.name in _PLACES]
     numbers = [name for name in trials if name not in _PLACES]
 
-    def cells(names: Sequence[str]) -> Iterator[dict]:
+    def cells(names: Sequence[str]) -> Iterator[dict[str, Any]]:
         rows = zip(*(trials[name].tolist() for name in names), strict=True)
         return (dict(zip(names, row, strict=True)) for row in rows)
 
-    return [
-        TrialRow(
-            **{name: value if value == value else None for name, value in place.items()},
-            measures={name: value for name, value in measured.items() if value == value},
-        )
-        for place, measured in zip(cells(places), cells(numbers), strict=True)
-    ]
+    rows = []
+    for place, measured in zip(cells(places), cells(numbers), strict=True):
+        place |= {name: None for name, value in place.items() if value != value}
+        rows.append(TrialRow(**place, measures={name: value for name, value in measured.items() if value == value}))
+    return rows
 
 
 def _typed(columns: Mapping[str, Sequence]) -> Trials:
