@@ -162,7 +162,7 @@ def test_a_plan_whose_device_its_protocol_lacks_is_named_and_no_session_of_it_is
 #: What a replay reads: changes of a recording's description, from its start -> what is said
 REPLAYED = {
     "another device": (lambda start: {"configuration": "four-brakes"}, "the paper protocol .* has no .* four-brakes"),
-    "another path": (lambda start: {"segment": 77}, "the paper protocol of the session has no .* 77"),
+    "another path": (lambda start: {"path": 77}, "the paper protocol of the session has no .* 77"),
     "another controller": (lambda start: {"controller": 77}, "the paper protocol of the session has no .* 77"),
     "no state": (lambda start: {"start": start | {"state": 5}}, "is damaged .*'int' object"),
     "a state of texts": (

@@ -108,7 +108,7 @@ def test_a_sweep_varies_assumptions_in_columns_of_their_own(tmp_path):
     assert {(row["lag_factor"], row["gap_reading"], row["gap_m"]) for row in rows if row["kind"] == "sdof"} == {
         ("0.5", "half", "0.004"), ("0.5", "full", "0.002"), ("1.0", "half", "0.004"), ("1.0", "full", "0.002")
     }  # fmt: skip
-    error = {(row["kind"], row["lag_factor"], row["gap_reading"], row["segment"]): row["path_error_m"] for row in rows}
+    error = {(row["kind"], row["lag_factor"], row["gap_reading"], row["path"]): row["path_error_m"] for row in rows}
     assert error["sdof", "1.0", "half", "1"] != error["sdof", "1.0", "full", "1"]
     assert error["none", "1.0", "half", "1"] == error["none", "1.0", "full", "1"] == error["none", "0.5", "half", "1"]
     stored = load_sweep(sweep_file(tmp_path)).texts
