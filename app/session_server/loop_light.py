@@ -1,7 +1,7 @@
 """The light of the loop: whether ticks come in time now, by the newest ones.
 
-Our choice: one tick that was missed in the last two seconds is amber. Of a board
-20 are red: no trial starts until ten seconds have passed without one.
+Our choice: one tick that was missed in the last two seconds is amber. Of a board 20 are red: no trial starts until ten
+seconds have passed without one.
 """
 
 import time
