@@ -14,16 +14,20 @@ from fault_kinds import HARD, LATE, SILENT, Fault
 from firmware_board import Pipe, firmware_boards
 from reference_board import on_a_cortex_m4
 
+from app.emulated_operator import EmulatedOperator
 from core import tick_log
+from core.device import Device
+from core.path import build_path
+from experiments.plan import make_plan
 from experiments.protocol import load_protocol
 from experiments.recording import Sensors
 from experiments.store import files
 from experiments.store.session import Participant, Session
 from experiments.trial.population import load_population
 from experiments.trial.real_trial import RealTrial
-from hardware.emulated_board.board import Board
+from hardware.emulated_board.board import TICK_US, Board
+from hardware.emulated_board.device import EmulatedDevice, hello_of
 from hardware.serial_device import SerialDevice
-from tests.benchmarks.board_bench import BoardInStep, Setting, exchanged, settings
 
 BOARD_MS, AGAIN_S = 50, 2.0
 NOISE = np.random.default_rng(30).bytes(50_000)
@@ -78,37 +82,71 @@ def test_the_currents_are_zero_in_time_and_as_soon_as_on_the_python_board(fault,
     like.close()
 
 
-def run_session(folder: Path, board: type[Board], trials: int) -> Path:
-    """The first trials of a participant's session over boards of this kind; its folder."""
-    protocol = load_protocol()
-    coming = settings(protocol)[:trials]
-    population = load_population()
-    session = Session(folder, Participant("01", operator=coming[0].person, population=population.operators), protocol,
-                      sync=False)  # fmt: skip
-    try:
-        for setting in coming:
-            one_trial(session, setting, board)
-    finally:
-        session.close()
-    return session.folder
+class InStep:
+    """The board's end and the wire: each read is one tick of the board, at which the commands of the last arrive."""
+
+    name = "bench"
+
+    def __init__(self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], kind: type[Board]) -> None:
+        self.hand, self._operator = operator.hand, operator
+        self.board = kind(hello_of(device, "SIMULATED"))
+        self.device = EmulatedDevice(device, self.board.hello, self, tip, seed=1)
+        self._sent = b""
+        self.ticks, self.not_taken, self.moves = 0, 0, False  # before the trial, operator and device stand
+        self.read()  # kernels are compiled, or loaded, before a host waits for an answer
+
+    def now(self) -> float:
+        return TICK_US * 1e-6 * self.ticks
+
+    def read(self) -> bytes:
+        self.ticks += 1
+        now_us, sent, self._sent = self.ticks * TICK_US, self._sent, b""
+        out = self.board.receive(sent, now_us)
+        out += self.board.tick(self.device.sense(self.board.currents, ()), now_us)
+        if self.moves:
+            self.device.advance(self.board.currents)
+        return out
+
+    def write(self, data: bytes) -> None:
+        self._sent += data
+
+    def close(self) -> None:
+        pass
+
+    def tick(self, x: float, y: float) -> None:
+        """The hand, which waits for the trial."""
+        if self.moves:
+            self._operator.tick(x, y)
 
 
-def one_trial(session: Session, setting: Setting, board: type[Board]) -> None:
-    """A trial from its first tick to its row."""
-    operator = setting.operator()
-    bench = BoardInStep(setting.device, operator, setting.start, board)
-    link = SerialDevice(setting.device, bench.name, clock=bench.now, open_port=lambda name: bench)
+def one_trial(folder: Path, board: type[Board]) -> Path:
+    """The first trial of a session over a board of this kind; the session's folder."""
+    protocol, population = load_protocol(), load_population()
+    person = population.draw(np.random.default_rng([protocol.seed, 1]))
+    planned = make_plan(protocol, "1")[0]
+    device, path = protocol.device(planned.configuration), build_path(protocol.paths[planned.path], "path")
+    session = Session(folder, Participant("01", operator=person, population=population.operators), protocol, sync=False)
+    operator = EmulatedOperator(person, path, (path.x0, path.y0), np.random.default_rng((protocol.seed, planned.run)))
+    operator.go_on = lambda x, y: None
+    bench = InStep(device, operator, (path.x0, path.y0), board)
+    link = SerialDevice(device, bench.name, clock=bench.now, open_port=lambda name: bench)
     link.open()
-    link.home(setting.start)
-    trial, writer = session.begin(setting.planned, Sensors(link.encoders, link.force_channels))
+    link.home((path.x0, path.y0))
+    trial, writer = session.begin(planned, Sensors(link.encoders, link.force_channels))
     assert isinstance(trial, RealTrial)
     with writer:
         trial.connect(link)
-        bench.begin()
-        for rows in exchanged(trial, operator, lambda: bench.ticks):
-            writer.write(np.array(rows).reshape(-1, tick_log.BENCH_WIDTH))
+        bench.device.sensors.draw_anew(1)  # the same noise however long it took to connect
+        bench.moves = True
+        while not trial.finished and bench.ticks < 120_000:
+            phase = tick_log.PHASES.index(trial.phase)
+            if phase != operator.phase:
+                operator.enter(phase)
+            writer.write(np.array(trial.exchange()).reshape(-1, tick_log.BENCH_WIDTH))
         session.finish(trial, writer)
     link.close()
+    session.close()
+    return session.folder
 
 
 def differing(one: Path, other: Path) -> list[str]:
@@ -121,7 +159,7 @@ def differing(one: Path, other: Path) -> list[str]:
 
 def test_a_whole_trial_leaves_the_same_bytes(tmp_path: Path, running: Pipe) -> None:
     sessions = [
-        run_session(tmp_path / kind, board, 1)
+        one_trial(tmp_path / kind, board)
         for kind, board in (("python", Board), ("firmware", firmware_boards(lambda: running)))
     ]
     assert differing(*sessions) == []

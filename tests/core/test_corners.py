@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from protocols import PAPER
 
-from core.control.algorithm import IN_GAP, LOCKED, NONE, Tick
+from core.control.algorithm import IN_GAP, NONE, Tick
 from core.control.controllers import Preset, decide, make_controller
 from core.control.velocity_field import PIECE, WANTED, Seen, new_memory
 from core.device import load_device
@@ -41,15 +41,6 @@ def decided(name, tip, velocity, force, memory):
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_arriving_a_hand_is_led_along_its_leg_up_to_the_corner(name):
-    memory = new_memory()
-    for before in (0.02, 0.01, 0.004):
-        code, _, field = decided(name, CORNER - before * IN, 0.1 * IN, 5.0 * IN, memory)
-        assert (field.t_x, field.t_y) == pytest.approx(tuple(IN)) and memory[PIECE] == 0
-        assert code not in LOCKED
-
-
-@pytest.mark.parametrize("name", CONTROLLERS)
 def test_beyond_the_corner_a_hand_that_pushes_on_is_held_back_towards_it(name):
     memory, current = new_memory(), np.zeros(4)
     tip = CORNER + 0.01 * IN
@@ -66,14 +57,3 @@ def test_beyond_the_corner_a_hand_that_pushes_on_is_held_back_towards_it(name):
     gap = CONTROLLERS[name].value("gap_m")
     if gap:
         assert decided(name, CORNER + 0.5 * gap * IN, 0.05 * IN, 8.0 * IN, memory)[0] == IN_GAP
-
-
-@pytest.mark.parametrize("name", CONTROLLERS)
-def test_leaving_a_hand_that_pulls_along_the_next_leg_is_led_along_it(name):
-    memory = new_memory()
-    for tip in (CORNER - 0.001 * IN, CORNER, CORNER + 0.002 * IN):
-        decided(name, tip, 0.02 * IN, 5.0 * IN, memory)
-    for after in (0.002, 0.004, 0.01, 0.02):
-        code, _, field = decided(name, CORNER + after * OUT, 0.05 * OUT, 5.0 * OUT, memory)
-        assert (field.t_x, field.t_y) == pytest.approx(tuple(OUT)) and memory[PIECE] == 1
-        assert code not in LOCKED

@@ -69,21 +69,6 @@ def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity)
 
 @coupled
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
-@pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
-def test_couplings_only_dissipate_and_the_ledger_closes(bar, integrator, fidelity):
-    times, values = switching(bar, 1.0)
-    simulation = Simulation(bar.device, START, (0.1, -0.2), fidelity, integrator, wave_hand(S4))
-    simulation.rows(1001, Schedule(times, values if fidelity == "ideal" else values / 5.6), Grid(0, 1000, 1, 1e-3))
-    ledger = simulation.ledger()
-    assert ledger.added_by_brakes < 1e-12
-    assert min(ledger.heat) >= 0.0 and ledger.heat[1] > 1e-3 and ledger.heat[3] > 1e-3
-    if integrator == "event":
-        assert abs(ledger.residual) < 1e-6 * sum(ledger.heat)
-    assert ledger.residual < 1e-6 * sum(ledger.heat), "of first order, but it creates no energy"
-
-
-@coupled
-@pytest.mark.parametrize("integrator", ["event", "stepping"])
 @pytest.mark.parametrize("way", [0, 60, 90, 120, 180, 225, 270, 315])
 def test_couplings_without_torque_leave_the_motion_and_the_stops_as_they_are(bar, integrator, way):
     """Pushed into the stops of the elbows and of D, along them and into their corners, and thrown back."""

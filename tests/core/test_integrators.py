@@ -62,15 +62,6 @@ def test_stepping_is_first_order_and_tends_to_event(bench, scene):
     assert errors[2] < 1e-4
 
 
-@pytest.mark.parametrize("scene", SCENES)
-def test_lagging_brakes_are_as_exact_as_others_at_any_step(bench, scene):
-    """Fidelity mr without backlash: steps that are too long for the lag are cut."""
-    reference, _ = run(bench, scene, 5e-5, fidelity="mr")
-    errors = {h: rms(run(bench, scene, h, fidelity="mr")[0], reference) for h in (5e-3, 2.5e-3, 1e-3, 5e-4)}
-    wild = scene == "S4"  # 12 rad/s, and a hard stop after which errors grow a hundredfold
-    assert errors[1e-3] <= (1e-7 if wild else 1e-8) and max(errors.values()) <= (3e-6 if wild else 2e-8), errors
-
-
 @pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
 def test_a_run_in_pieces_equals_one_run(bench, integrator, fidelity):

@@ -5,16 +5,14 @@ import pickle
 import random
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from disks import flip_a_bit
 from test_kernel_cache import small_tree
 
-from core.kernels import cache, old_versions
-from core.kernels.cache import Place, make_private, read_file, remove_unsound, write_file
+from core.kernels import cache
+from core.kernels.cache import Place, make_private, read_file, write_file
 
 CALL = (
     "import sys\nfrom core.kernels import cache\n"
@@ -196,27 +194,3 @@ def test_what_was_planted_is_compiled_again_and_never_unpickled(tmp_path: Path) 
     answer, said = run(tree)
     assert answer == COMPILED and not (tmp_path / "mark").exists()
     assert said.count("\n") == 1 and "compiled again" in said and str(tree / "cache") in said
-
-
-def test_what_is_unsound_is_named_and_removed(kept: Path) -> None:
-    folder = kept.parents[1]
-    write_file(kept.with_name("two.kernel"), b"two")
-    assert remove_unsound(folder) == {}
-    flip_a_bit(kept)
-    assert remove_unsound(folder) == {"core/one.kernel": "it is damaged"}
-    assert remove_unsound(folder) == {} and [file.name for file in kept.parent.iterdir()] == ["two.kernel"]
-
-
-@posix
-def test_a_new_version_removes_the_folders_of_others_that_were_not_used_for_sixty_days_and_are_not_in_use(home: Path):
-    unused, in_use, lately = folders = [home / name for name in ("unused", "in use", "lately")]
-    for folder, days in zip(folders, (61, 61, 59), strict=True):
-        (folder / "core").mkdir(parents=True)
-        if folder == in_use:
-            old_versions.hold(folder)
-        os.utime(folder, 2 * (time.time() - 86_400 * days,))
-    found = place()
-    assert found.removed == 1 and set(home.iterdir()) == {in_use, lately, found.folder}
-    unused.mkdir()
-    os.utime(unused, (0, 0))
-    assert place().removed == 0 and unused.exists()  # only a new version looks

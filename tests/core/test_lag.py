@@ -9,7 +9,6 @@ from devices import BENCH_FOUR, S4, switching
 from core.device import Device, load_device, without_backlash
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import carried
 
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4)
 ROUNDING_M = 3e-14
@@ -87,24 +86,6 @@ def test_the_ledger_closes_while_yields_change(held):
     assert simulation.ledger().events > 0 or not held
     assert abs(simulation.ledger().residual) <= 1e-9
     assert simulation.ledger().added_by_brakes <= 1e-15
-
-
-def test_yields_that_have_arrived_are_those_of_brakes_without_lag():
-    """Once every yield is K to the last bit, the step is theirs, bit by bit."""
-    device, hand = load_device("er-two-brake"), new_hand(forces=np.array([[9.0, 6.0]]))
-    lagging, without = (Simulation(device, (0.0, 0.4), fidelity=f, hand=hand) for f in ("mr", "static"))
-    currents = np.full((1, 4), 0.5)
-    lagging.rows(2, Schedule(np.zeros(1), currents), Grid(0, 10, 10, 1e-3))
-    assert lagging.step_scratch["lag"]["lagging"][0] == 1
-    lagging.rows(2, Schedule(np.zeros(1), currents), Grid(10, 300, 290, 1e-3))
-    assert lagging.step_scratch["lag"]["lagging"][0] == 0 and np.any(lagging.body["rate"][0] != 0.0)
-    fields = carried(without.data)
-    for name, values in carried(lagging.data).items():
-        fields[name][...] = values
-    found = [
-        one.rows(51, Schedule(np.zeros(1), currents), Grid(300, 350, 1, 1e-3))[:, 1:] for one in (lagging, without)
-    ]
-    assert np.array_equal(*found)
 
 
 def test_a_rate_that_crosses_an_edge_and_comes_back_within_a_step_is_seen():

@@ -9,8 +9,6 @@ from core.simulator import simulation as simulator
 from core.simulator.hand import new_hand
 from core.simulator.simulation import Grid, Schedule
 from core.simulator.stepped import Simulation
-from experiments.benchmark.reference import reference_tips
-from experiments.benchmark.scenes import START, BenchScene, bench_devices
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import SceneRun
 
@@ -52,21 +50,6 @@ def test_it_moves_as_a_scene_does(fidelity, integrator, tmp_path):
             assert state.torques_N_m == pytest.approx(row[5:9], abs=1e-9)
     assert simulation.time_s == pytest.approx(0.6)
     assert abs(simulation.state.unexplained_J) < 1e-8 < simulation.state.work_hand_J or integrator != "event"
-
-
-@pytest.mark.parametrize("fidelity, within", [("ideal", 1e-12), ("mr", 3e-6)])
-@pytest.mark.parametrize("device", bench_devices(), ids=lambda device: device.name)
-def test_a_smooth_motion_is_that_of_dop853_on_the_ten_coordinate_form(device, fidelity, within):
-    yields = np.array([[0.3 * (joint in device.braked) for joint in "AEBC"]])
-    scene = BenchScene("smooth", device, 0.2, np.zeros((2, 3)), np.array([4.0, 2.0]), np.zeros(1), yields)
-    tips = reference_tips(scene, fidelity)
-    simulation = Simulation(device, fidelity)
-    simulation.reset(START)
-    commands = scene.commands(fidelity)[0][["AEBC".index(joint) for joint in device.braked]]
-    for k in range(1, 201):
-        simulation.step(commands, scene.constant, 1e-3)
-        if k % 10 == 0:
-            assert np.linalg.norm(simulation.state.tip_m - tips[k // 10]) < within
 
 
 def test_looking_and_copying_change_nothing_and_a_copy_goes_its_own_way():

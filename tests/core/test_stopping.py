@@ -139,26 +139,6 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
             assert (swift[present] <= stopping.levers.swift[present]).all(), where
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_work_of_a_brake_is_convex_and_its_slope_lies_between_drag_and_full_yield(name: str) -> None:
-    device = load_device(name)
-    stopping = make_stopping(device.mechanism, device.brakes, PUSHES_N[name])[0]
-    take_places(stopping.levers, 0.0, 0.4, 0.05)
-    for held in (0.0, 0.6, 1.0):
-        for turns in (0.0, 2.0):
-            assume_brakes(stopping, stopping.drag + held * (stopping.full - stopping.drag), turns)
-            set_lags(stopping, 0.1)
-            theta = np.linspace(0.0, 0.5, 4001)
-            slope, work = np.array([slope_and_work(stopping, 0, angle) for angle in theta]).T
-            assert (np.diff(slope) >= -1e-12).all()
-            assert slope[0] >= stopping.drag[0] - 1e-12
-            assert slope[-1] <= stopping.full[0] + 1e-12
-            middle = 0.5 * (slope[1:] + slope[:-1]) * np.diff(theta)
-            smooth = np.diff(slope) < 0.05  # without play it jumps at 0
-            assert np.diff(work)[smooth] == pytest.approx(middle[smooth], abs=5e-6)
-            assert work[0] == 0.0
-
-
 def test_a_rougher_look_is_never_taken_for_a_proof() -> None:
     """A push of more than a full lock holds, with the margin for what lies between, and a device at rest."""
     device = load_device("er-two-brake")  # holds 16.4 N everywhere

@@ -2,69 +2,23 @@
 
 import numpy as np
 import pytest
-from devices import BRAKE_TEXT, THREE
+from devices import THREE, FiveBar, rods
 
-from core.device import Device, build_device
+from core.device import Device
 from core.simulator.hand import new_hand
 from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
+from core.workspace import tip_is_free
 
 STEPS = (1e-3, 5e-3, 2e-2)
-ONE_ABOVE_THE_OTHER = """
-name = "one base above the other"
-[geometry]
-base_A_m = [0.02893, -0.09505]
-base_B_m = [0.02499, -0.04198]
-L_AE_m = 0.16949
-L_ED_m = 0.35255
-L_BC_m = 0.32173
-L_CD_m = 0.37413
-elbows = "left"
-[mass]
-AE = {mass_kg = 0.259, com_m = 0.002, inertia_kg_m2 = 1.36e-3}
-ED = {mass_kg = 1.030, com_m = 0.108, inertia_kg_m2 = 2.13e-2}
-BC = {mass_kg = 0.307, com_m = 0.281, inertia_kg_m2 = 0.0}
-CD = {mass_kg = 0.0143, com_m = 0.030, inertia_kg_m2 = 1.48e-4}
-tip_kg = 0.31
-rotor_inertia_kg_m2 = 0.001
-[limits]
-margin = 0.05
-[brakes]
-A = "test-brake"
-E = "test-brake"
-C = "test-brake"
-"""
-
-
-def five_bar(rng: np.random.Generator, coaxial: bool, margin: float, braked: str) -> Device:
-    """A random device; with `coaxial` both arms turn about one point."""
-    base = rng.uniform(-0.05, 0.05, 2)
-    other = base if coaxial else base + rng.uniform(0.05, 0.15, 2) * (1.0, 0.3)
-    lengths = rng.uniform(0.2, 0.4, 4)
-    text = f"""
-name = "random"
-[geometry]
-base_A_m = [{base[0]}, {base[1]}]
-base_B_m = [{other[0]}, {other[1]}]
-L_AE_m = {lengths[0]}
-L_ED_m = {lengths[1]}
-L_BC_m = {lengths[2]}
-L_CD_m = {lengths[3]}
-elbows = "out"
-[mass]
-{chr(10).join(f"{link} = {{mass_kg = {rng.uniform(0.05, 0.6)}}}" for link in ("AE", "ED", "BC", "CD"))}
-tip_kg = {rng.uniform(0.1, 0.6)}
-[limits]
-margin = {margin}
-[brakes]
-{chr(10).join(f'{joint} = "test-brake"' for joint in braked)}
-"""
-    return build_device(text, {"test-brake": BRAKE_TEXT}, "random")
+ONE_ABOVE_THE_OTHER = FiveBar(
+    name="one base above the other", base_a=(0.02893, -0.09505), base_b=(0.02499, -0.04198), tip=0.31, rotor=0.001,
+    lengths=(0.16949, 0.35255, 0.32173, 0.37413), elbows="left", limits="margin = 0.05", braked="AEC",
+    links=((0.259, 0.002, 1.36e-3), (1.030, 0.108, 2.13e-2), (0.307, 0.281, 0.0), (0.0143, 0.030, 1.48e-4)),
+)  # fmt: skip
 
 
 def free_place(device: Device, rng: np.random.Generator) -> tuple[float, float]:
     """A tip position clear of all stops."""
-    from core.workspace import tip_is_free
-
     while True:
         x, y = rng.uniform((-0.5, 0.05), (0.5, 0.65))
         if tip_is_free(device.mechanism, x, y):
@@ -84,9 +38,13 @@ def tips_every_20_ms(simulation: Simulation, duration: float, step: float, torqu
 def test_a_coaxial_device_held_at_its_elbows_swings_about_its_base_without_loss(seed):
     """E and C on one axis rest together: that is no rest. Distance from the base and speed stay what they are."""
     rng = np.random.default_rng(seed)
-    device = five_bar(rng, True, 0.05, "EC")
+    base, lengths = tuple(rng.uniform(-0.05, 0.05, 2).tolist()), tuple(rng.uniform(0.2, 0.4, 4).tolist())
+    links = tuple(rods(rng.uniform(0.05, 0.6), (length,))[0] for length in lengths)
+    device = FiveBar(
+        base_a=base, base_b=base, lengths=lengths, links=links, tip=rng.uniform(0.1, 0.6), braked="EC",
+        limits="margin = 0.05", name="random",
+    ).device  # fmt: skip
     x, y = free_place(device, rng)
-    base = np.array([device.mechanism.arm_1.base_x, device.mechanism.arm_1.base_y])
     out = np.array([x, y]) - base
     radius = float(np.linalg.norm(out))
     tangent = np.array([-out[1], out[0]]) / radius
@@ -104,11 +62,12 @@ def test_a_coaxial_device_held_at_its_elbows_swings_about_its_base_without_loss(
 
 def test_where_two_rows_are_parallel_for_an_instant_the_error_falls_with_the_step():
     """The held joint hands over to another there: the exact solver says so, without chatter and without a fallback."""
-    device = build_device(ONE_ABOVE_THE_OTHER, {"test-brake": BRAKE_TEXT}, "test")
     hand = new_hand(forces=np.array([[-15.678, -0.861]]))
 
     def run(step: float) -> tuple[np.ndarray, Ledger]:
-        simulation = Simulation(device, (0.10172, 0.35704), (-0.24103, 0.00037), "ideal", "event", hand)
+        simulation = Simulation(
+            ONE_ABOVE_THE_OTHER.device, (0.10172, 0.35704), (-0.24103, 0.00037), "ideal", "event", hand
+        )
         return tips_every_20_ms(simulation, 0.4, step, (2.5, 2.5, 0.0, 2.5)), simulation.ledger()
 
     reference, _ = run(1e-5)

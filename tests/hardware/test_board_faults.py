@@ -120,15 +120,6 @@ def test_a_moment_of_noise_is_no_fault(fault: Fault) -> None:
     assert bench.state == State.READY
 
 
-def test_a_count_that_goes_round_is_no_joint_that_turns_too_fast() -> None:
-    bench = SimulatedBoard()
-    bench.connect(speed=(0, 0, 100_000, 0))
-    for k in range(30):
-        bench.command()
-        bench.tick(counts=(10_000 * k, 0, (2**31 - 500 + 50 * k + 2**31) % 2**32 - 2**31, 0))
-    assert bench.state == State.ACTIVE
-
-
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(1, 30)), max_size=25))
 def test_whatever_happens_currents_flow_only_while_active_and_commanded_within_50_ms(course) -> None:

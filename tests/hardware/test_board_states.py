@@ -133,14 +133,6 @@ def test_answers_say_what_was_done() -> None:
     assert happen(bench, BoardEvent.ON) == [Refused(3, Refusal.WRONG_STATE)]
 
 
-def test_hello_says_what_the_board_is_and_ends_the_connection_before() -> None:
-    bench = in_state(State.ACTIVE)
-    (hello,) = bench.tell(AskHello(1))
-    assert (hello.version, hello.state, hello.encoders, hello.brakes) == (1, State.IDLE, 0b0101, 0b1111)
-    assert hello.current_max_mA == FULL and hello.counts_per_rev == (96000, 0, 96000, 0)
-    assert samples(bench.tick(5)) == []
-
-
 def test_samples_come_each_tick_from_limits_to_bye_or_until_nobody_talks_to_the_board() -> None:
     bench = SimulatedBoard().start()
     assert bench.tick(10) == []
@@ -190,15 +182,3 @@ def test_homing_a_joint_without_encoder_is_refused(joints: int) -> None:
     bench.connect()
     assert bench.tell(Home(joints, (1, 2, 3, 4))) == [Refused(4, Refusal.BAD_VALUE)]
     assert samples(bench.tick())[0].counts == (0, 0)
-
-
-def test_power_up_begins_everything_anew_and_says_so() -> None:
-    bench = SimulatedBoard().activate()
-    starts = bench.tell(AskHello(1))[0].starts
-    bench.board.lose_power(bench.now_us)
-    assert bench.tell(AskHello(1)) == []
-    bench.start()
-    (hello,) = bench.tell(AskHello(1))
-    assert hello.starts != starts
-    assert (hello.state, hello.faults, hello.cause) == (State.FAULT, Fault.BROWN_OUT, Fault.BROWN_OUT)
-    assert bench.tell(ResetFault())[0].faults == 0 and bench.state == State.IDLE

@@ -82,15 +82,6 @@ def test_a_garbage_report_pushes_no_harder_than_full_deflection_and_is_said(bus,
     assert "beyond full deflection: 1," in hand.read().text
 
 
-def test_full_deflection_from_a_zero_that_was_taken_is_no_garbage(bus, hand):
-    biased(bus, hand)
-    bus.push("01 6801 0000 0000")  # ten counts more than full scale
-    wait_until(lambda: hand.read().fx_N == pytest.approx(FORCE_FULL_N))
-    bus.push("01 a2fe 0000 0000")  # 360 counts the other way
-    wait_until(lambda: "beyond full deflection: 1," in hand.read().text)
-    assert hand.read().fx_N == -FORCE_FULL_N
-
-
 def test_only_the_newest_of_many_waiting_reports_counts(bus, hand):
     bus.push(*["01 0a00 0000 0000", "02 0100 0100 0100"] * 500, "01 5e01 0000 0000")
     wait_until(lambda: hand.read().reports == 1001)

@@ -45,18 +45,6 @@ def test_any_two_or_four_encoders_tell_where_the_tip_is(bar: FiveBar, joints: tu
         assert np.allclose(np.exp(1j * np.array(pose.theta)), np.exp(1j * bar.angles(tip)), atol=20.0 * step)
 
 
-def test_the_tip_stays_on_its_branch_along_a_way() -> None:
-    found = sensing(FOUR, (0, 2))
-    for share in np.linspace(0.0, 1.0, 200):
-        tip = np.array([-0.10 + 0.2 * share, 0.40])
-        assert np.allclose(found.pose(counts(FOUR, (0, 2), tip)).tip, tip, atol=1e-4)
-
-
-def test_counts_at_a_pose_and_the_pose_at_those_counts_agree() -> None:
-    found = sensing(FOUR, (0, 1, 2, 3))
-    assert np.allclose(found.pose(found.counts_at((0.03, 0.38))).tip, (0.03, 0.38), atol=5e-5)
-
-
 def test_angles_that_no_linkage_has_are_said_and_keep_the_last_tip() -> None:
     found = sensing(FOUR, (0, 2))
     before = found.pose(counts(FOUR, (0, 2), np.array([0.0, 0.4])))

@@ -24,8 +24,8 @@ TURN_TICKS = 100  # for so long a hand of `random_task` pushes one way
 PUSHES_N = {"er-two-brake": 8.0, "three-brake": 11.0, "four-brake": 17.0, "pter": 16.0}
 
 #: Places of what `reach` finds: least and last distance (m), locks, ticks of which the guard is not sure, the first of
-#: them, the tick at which it entered, largest speed (m/s), distance at the first lock (m).
-LEAST, LAST, LOCKS, UNSURE, FIRST_UNSURE, ENTERED, FASTEST, FIRST_LOCK, FOUND = range(9)
+#: them, largest speed (m/s).
+LEAST, LAST, LOCKS, UNSURE, FIRST_UNSURE, FASTEST, FOUND = range(7)
 
 
 class Reach(NamedTuple):
@@ -35,7 +35,6 @@ class Reach(NamedTuple):
     sensing: EncoderSensing
     memory: np.ndarray  # of the controller
     forces: np.ndarray  # (n, 2) N
-    feigns: int  # 1: a locked hand pulls away with 3 N until it is let go, then pushes again
     current: np.ndarray  # (4,) A
 
 
@@ -46,14 +45,11 @@ def run_pushes(model, data, reach, found):
     around, body, grip = reach.controller.around[0], data.body[0], data.hand.grips[0]
     for i in range(FOUND):
         found[i] = 0.0
-    found[LEAST] = found[FIRST_UNSURE] = found[ENTERED] = found[FIRST_LOCK] = math.inf
+    found[LEAST] = found[FIRST_UNSURE] = math.inf
     for n in range(forces.shape[0]):
         t = 1e-3 * n
-        near = nearest_obstacle(around.edges, around.count, body.tip[0], body.tip[1])
         was_locked = memory[LOCKED]
         grip.held[0], grip.held[1] = forces[n, 0], forces[n, 1]
-        if reach.feigns != 0 and was_locked != 0.0:
-            grip.held[0], grip.held[1] = 3.0 * near.n_x, 3.0 * near.n_y
         settle(model, data, current, t)
         seen = body
         if sensing.sensors[0].on != 0:
@@ -65,7 +61,6 @@ def run_pushes(model, data, reach, found):
             keep_out(around, tick)
         if memory[LOCKED] > was_locked:
             found[LOCKS] += 1.0
-            found[FIRST_LOCK] = min(found[FIRST_LOCK], near.distance) if found[LOCKS] == 1.0 else found[FIRST_LOCK]
         if memory[HOLDS] == 0.0:
             found[UNSURE] += 1.0
             found[FIRST_UNSURE] = min(found[FIRST_UNSURE], float(n))
@@ -73,8 +68,6 @@ def run_pushes(model, data, reach, found):
         found[LAST] = nearest_obstacle(around.edges, around.count, body.tip[0], body.tip[1]).distance
         found[LEAST] = min(found[LEAST], found[LAST])
         found[FASTEST] = max(found[FASTEST], math.sqrt(body.tip[2] * body.tip[2] + body.tip[3] * body.tip[3]))
-        if found[LAST] < 0.0:
-            found[ENTERED] = min(found[ENTERED], float(n))
 
 
 class Reached(NamedTuple):
@@ -85,9 +78,7 @@ class Reached(NamedTuple):
     locks: int
     unsure: int  # ticks
     first_unsure: float  # tick; infinite: none
-    entered: float  # tick; infinite: it did not
     fastest: float  # m/s
-    first_lock: float  # distance; infinite: none
 
 
 def pushed_device(device: Device, tip: tuple[float, float], play: bool = True) -> SimulatedDevice:
@@ -105,16 +96,15 @@ def guarded(device: Device, obstacle: ObstacleFile, guard: Guard | None, assumed
 
 
 def run_reach(
-    device: SimulatedDevice, controller: Controller, forces: np.ndarray, feigns: bool = False,
-    assumed: Assumptions = DEFAULTS,
-) -> Reached:  # fmt: skip
+    device: SimulatedDevice, controller: Controller, forces: np.ndarray, assumed: Assumptions = DEFAULTS
+) -> Reached:
     """Push the device with forces (n, 2), N, one a tick, with the assumed sensing."""
     found, sensing = np.zeros(FOUND), new_sensing(device.device, assumed)
     forces = np.ascontiguousarray(forces, dtype=float)
-    pushes = Reach(controller, sensing, new_memory(), forces, int(feigns), np.zeros(4))
+    pushes = Reach(controller, sensing, new_memory(), forces, np.zeros(4))
     run_pushes(device.model, device.data, pushes, found)
-    least, last, locks, unsure, first_unsure, entered, fastest, first_lock = found.tolist()
-    return Reached(least, last, int(locks), int(unsure), first_unsure, entered, fastest, first_lock)
+    least, last, locks, unsure, first_unsure, fastest = found.tolist()
+    return Reached(least, last, int(locks), int(unsure), first_unsure, fastest)
 
 
 def held_on(pushes: np.ndarray) -> np.ndarray:
@@ -152,33 +142,13 @@ def obstacle_ahead(tip: tuple[float, float], towards: float, distance: float, ki
     return ObstacleFile(polygon_m=tuple((x - s * a + c * b, y + c * a + s * b) for a, b in corners))
 
 
-class Attack(NamedTuple):
-    """A hand of exactly the largest push, by numbers that a search can change; each in 0 .. 1."""
-
-    kind: int  # place in KINDS
-    obstacle: int  # 0, 1, 2 as in `obstacle_ahead`
-    numbers: np.ndarray  # (NUMBERS,)
-
-
 KINDS = ("straight", "run-up", "turning", "rocking", "pushes")
-NUMBERS = 12
 ATTACK_TICKS = 1500
 
 
-def random_attack(rng: np.random.Generator, kind: int) -> Attack:
-    """Any hand of this kind."""
-    return Attack(kind, int(rng.integers(3)), rng.random(NUMBERS))
-
-
-def changed_attack(rng: np.random.Generator, attack: Attack) -> Attack:
-    """One like it: some of its numbers a little different."""
-    step = rng.normal(0.0, 0.08, NUMBERS) * (rng.random(NUMBERS) < 0.4)
-    return attack._replace(numbers=np.clip(attack.numbers + step, 0.0, 1.0))
-
-
-def task_of(attack: Attack, device: Device, push: float) -> Task | None:
-    """What the attack does on a device; None: the tip cannot be where it begins."""
-    q = attack.numbers
+def random_attack(rng: np.random.Generator, kind: int, device: Device, push: float) -> Task | None:
+    """A hand of this kind that pushes a device with exactly this force; None: the tip cannot be where it begins."""
+    obstacle, q = int(rng.integers(3)), rng.random(12)
     tip = -0.25 + 0.5 * q[0], 0.25 + 0.27 * q[1]
     if not tip_is_free(device.mechanism, *tip):
         return None
@@ -186,24 +156,15 @@ def task_of(attack: Attack, device: Device, push: float) -> Task | None:
     n = np.arange(ATTACK_TICKS)
     angle, size = np.full(ATTACK_TICKS, towards + 1.2 * (q[4] - 0.5)), np.ones(ATTACK_TICKS)
     until = n < 400 * q[5]
-    if KINDS[attack.kind] == "run-up":  # away, then in
+    if KINDS[kind] == "run-up":  # away, then in
         angle = np.where(until, towards + math.pi + 1.2 * (q[6] - 0.5), angle)
-    elif KINDS[attack.kind] == "turning":
+    elif KINDS[kind] == "turning":
         angle = np.where(until, towards + 6.0 * (q[6] - 0.5) + 0.06 * (q[7] - 0.5) * n, angle)
-    elif KINDS[attack.kind] == "rocking":  # in, then to and fro with a period of 2 to 120 ms
+    elif KINDS[kind] == "rocking":  # in, then to and fro with a period of 2 to 120 ms
         period = 2.0 + 118.0 * q[6]
         to_and_fro = np.where((n % period) < (0.2 + 0.6 * q[7]) * period, 1.0, -0.1 - 0.9 * q[8])
         size = np.where(until, 1.0, to_and_fro)
-    elif KINDS[attack.kind] == "pushes":  # another way every 0.25 s
+    elif KINDS[kind] == "pushes":  # another way every 0.25 s
         angle = towards + 2.6 * (q[6 : 6 + 6] - 0.5)[n // (ATTACK_TICKS // 6)]
     forces = push * size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    return Task(tip, obstacle_ahead(tip, towards, 0.02 + 0.06 * q[3], attack.obstacle), forces)
-
-
-def attack_with(attack: Attack, device: Device, guard: Guard | None, assumed: Assumptions) -> Reached | None:
-    """What comes of it with a push of `PUSHES_N`; None: it cannot begin."""
-    task = task_of(attack, device, PUSHES_N[device.name])
-    if task is None:
-        return None
-    controller = guarded(device, task.obstacle, guard, assumed)
-    return run_reach(pushed_device(device, task.tip), controller, task.forces, assumed=assumed)
+    return Task(tip, obstacle_ahead(tip, towards, 0.02 + 0.06 * q[3], obstacle), forces)

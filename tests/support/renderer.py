@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 PIXELS = 1200  # of the larger side of an image
 LINE = '<path d="M5 10 C 30 70 60 -20 90 50 l -20 35"/>'
 #: Attributes of the picture (else a view box of 100 x 100), what is in it.
-PLAIN = {
+DRAWINGS = {
     "relative commands": ("", '<path d="m10 10 l20 5 30 40 h20 v-30 h-10"/>'),
     "absolute and repeated commands": ("", '<path d="M10,10L30 15 60,55H80 70V20"/>'),
     "smooth cubics": ("", '<path d="M10 50 c10-40 20-40 30 0 s 20 40 30 0 S 80 20 90 60"/>'),
@@ -44,45 +44,6 @@ PLAIN = {
     "a used line": ("", '<defs><path id="a" d="M0 0 L 60 20 L 30 70"/></defs><use href="#a" x="15" y="10"/>'),
     "a used symbol": ("", f'<symbol id="s">{LINE}</symbol><use href="#s" transform="scale(0.8 0.5)"/>'),
 }
-NESTED = {
-    "translate on a path": ("", '<path transform="translate(10,20)" d="M0 0 L 60 20 L 50 60"/>'),
-    "rotate about a point": (
-        "",
-        '<g transform="translate(5 -5)"><path transform="rotate(30 50 50)" d="M20 50L80 60 60 20"/></g>',
-    ),
-    "scale within rotate": (
-        "",
-        f'<g transform="rotate(20)"><g transform="translate(20,0) scale(0.7,0.4)">{LINE}</g></g>',
-    ),
-    "skew within scale": ("", f'<g transform="scale(0.6)"><g transform="skewX(25)">{LINE}</g></g>'),
-    "an arc that is skewed": (
-        "",
-        '<g transform="translate(0 10)"><path transform="skewY(20)" d="M20 20A30 20 30 1 1 60 50"/></g>',
-    ),
-    "a circle that is skewed": (
-        "",
-        '<g transform="skewX(-20) translate(30)"><circle transform="scale(1 .5)" cx="40" cy="50" r="25"/></g>',
-    ),
-    "a matrix within a matrix": (
-        "",
-        f'<g transform="matrix(.5 .1 -.2 .6 20 10)"><g transform="matrix(1,0,0.3,1,5,0)">{LINE}</g></g>',
-    ),
-    "several transforms in one": (
-        "",
-        f'<g transform="translate(50 50) rotate(-40),scale(.5)translate(-50,-50)">{LINE}</g>',
-    ),
-    "a used group in a group": (
-        "",
-        f'<defs><g id="a" transform="rotate(10)">{LINE}</g></defs>'
-        '<g transform="scale(.6)"><use href="#a" x="30" y="10" transform="rotate(5)"/></g>',
-    ),
-    "three groups, millimetres and a view box": (
-        'viewBox="-20 -20 150 150" width="210mm" height="210mm"',
-        '<g transform="translate(5)"><g transform="scale(1,-1)"><g transform="translate(0,-100) rotate(8)">'
-        f"{LINE}</g></g></g>",
-    ),
-}
-DRAWINGS = PLAIN | NESTED
 
 
 def picture(inside, attributes=""):
