@@ -31,7 +31,8 @@ INPUTS = {
             "a person who pushed a six-axis device: its deflection, not a force sensor, moved the simulated handle",
         ),
         Input(
-            OPERATOR, "Simulated operator", "no person is needed", "the simulated device and a simulated operator",
+            OPERATOR, "Simulated operator", "moves the handle, no person is needed",
+            "the simulated device and a simulated operator",
             "simulated operator: no person took part", person=False,
         ),
         Input(

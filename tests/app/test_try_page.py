@@ -123,7 +123,7 @@ def test_the_page_opens_try_with_the_servers_settings_and_ends_it_and_in_a_sessi
     held.page.show_snapshot(ready(1, notice="Participant 01: 57 of 60 trials left."))
     held.page.begin()
     assert not held.sent and held.page.large.text() == "A session is open" and not held.page.notice.text()
-    assert not held.page.clear.isVisible() and not held.page.controls.guides[1].isEnabled()
+    assert not held.page.controls.guides[1].isEnabled()
     held.page.show_opened(opened(""))
     assert [type(command) for command in held.sent] == [m.SetSandbox]
 
@@ -205,10 +205,6 @@ def test_a_setting_has_one_row_with_its_newest_pass_on_each_device_the_newest_on
     assert held.cells(0)[6:] == ["3.0", "3.0", "40", "40"]
     assert held.cells(3)[6:] == 4 * ["–"], "of a part of the path: nothing that could be compared"
     assert "Pass 10, 2.5 s; four-brake, path 1, settled rules" in held.page.table.item(0, 5).toolTip()
-    QTest.mouseClick(held.page.clear, Qt.MouseButton.LeftButton)
-    assert held.page.table.rowCount() == 0
-    held.page.show_snapshot(tried(INITIAL, *passes, ended(11)))
-    assert held.page.table.rowCount() == 1
 
 
 @pytest.mark.parametrize("devices", [1, 2])

@@ -149,8 +149,8 @@ class AnalysePage(Page):
 
     @property
     def says_what_is_wrong(self) -> bool:
-        """The window's footer is of the open session: here stands whose results are shown."""
-        return not wrong(self.snapshot)
+        """The window's footer is of the open session, not of what is shown here: it is there while a trial runs."""
+        return not wrong(self.snapshot) and self.snapshot.running is None
 
     # what the main window hands over
 

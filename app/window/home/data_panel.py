@@ -63,6 +63,7 @@ class Doing(NamedTuple):
     why_not: str = ""  # why no other one can be opened, a sentence; "": one can
     can_leave: bool = False  # whether the open one can be closed
     opening: str = ""  # whose session is being opened
+    next: str = ""  # whose session another button of the page resumes
 
 
 class DataPanel(Panel):
@@ -76,7 +77,7 @@ class DataPanel(Panel):
         super().__init__()
         self._page = page
         self.overview: DataOverview | None = None  # None: not looked at yet
-        self._doing, self._next = Doing(), ""  # whose session the large button resumes
+        self._doing = Doing()
         self._folder = Path()  # until the session server says which
         self._looking = Watch(self, lambda: (scan_folder, self._folder), self.show_overview)
         self.export_task, self._out = VerbProcess(self._exported), Path()
@@ -115,12 +116,6 @@ class DataPanel(Panel):
         """What is being done with a session now."""
         if doing != self._doing:
             self._doing = doing
-            self._fill()
-
-    def show_next(self, participant: str) -> None:
-        """Whose session another button of the page resumes."""
-        if participant != self._next:
-            self._next = participant
             self._fill()
 
     def session_of(self, participant: str) -> SessionOverview | None:
@@ -173,7 +168,7 @@ class DataPanel(Panel):
             main = button("Resume", lambda: self.resume_asked.emit(session.participant), "link")
             main.setEnabled(self._can_open(session))
             main.setToolTip(self._doing.why_not)
-            main.setVisible(session.participant != self._next)
+            main.setVisible(session.participant != self._doing.next)
         if session.participant == self._doing.opening:
             show_wait(main, "Opening …")
         done = text_label(f"{session.done} of {session.planned}")

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit, QScrollArea, QSizePolicy, 
 from app.ipc import messages as m
 from app.window.home.board_ports import BoardPorts
 from app.window.home.data_panel import DataPanel, Doing, Recent
-from app.window.home.next_panel import GO, MAIN_PX, RESUME, TRY, NextPanel, what_comes_next
+from app.window.home.next_panel import MAIN_PX, NextPanel, is_first_visit, to_resume
 from app.window.home.participant_form import ParticipantForm
 from app.window.home.protocol_editor import TOML, ProtocolEditor
 from app.window.home.start import (
@@ -31,14 +31,13 @@ from app.window.home.start import (
     summary_of,
     title_of,
 )
-from app.window.home.try_panel import DevicePicture, TryLine
+from app.window.home.try_panel import DevicePicture
 from app.window.participant.consent_page import ConsentPage
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards, OverlayCard
 from app.window.widgets.fields import Tick
 from app.window.widgets.own_code import ask_own_code
-from app.window.widgets.page import RUN, Page
-from app.window.widgets.page import TRY as TRY_PAGE
+from app.window.widgets.page import RUN, TRY, Page
 from app.window.widgets.parts import (
     NO_FOCUS,
     PANEL_MARGINS,
@@ -69,7 +68,7 @@ from experiments.protocol import PAPER, shipped_protocols
 from experiments.store.files import session_folder
 
 LINE_PX = 32  # high, a line of the form at most
-BAR_PX, BESIDE_PX = 8, 14  # wide, a scroll bar; the room that it has in the margin beside the form
+BESIDE_PX = 14  # wide, the margin beside the form, in which its scroll bar stands
 SESSION_PX = 760  # wide at most: choices are no easier to read when they are wider
 PLAN, NO_PLAN, MORE, LESS = "Show plan  ▾", "Hide plan  ▴", "More  ▾", "Less  ▴"
 CONSENT = "consent"  # what the card of the window asks
@@ -151,7 +150,7 @@ class HomePage(Page):
         self.more, self.show_plan = button(MORE, self._turn_more, "link"), button(PLAN, self._turn_plan, "link")
 
     def _lay_out(self) -> None:
-        self.next, self.picture, self.tried = NextPanel(self._do_next), DevicePicture(), TryLine(self)
+        self.next, self.picture = NextPanel(self._do_next), DevicePicture()
         choices = grid(12, 9, stretched=1)
         lines: tuple[tuple[str, QWidget, tuple[Part, ...]], ...] = (
             ("Protocol", self.protocol, (self.edit,)), ("", self.summary, ()), ("Run on", self.link, ()),
@@ -169,25 +168,17 @@ class HomePage(Page):
                 self.rare.get(first, []).append(label)
             choices.addLayout(row(first, *others), place, 1)
         choices.setRowStretch(choices.rowCount(), 1)
+        choices.setContentsMargins(0, 0, BESIDE_PX, 0)
         self.area = FormArea(holder(choices))
-
-        def leave_room(_: int, low: int) -> None:
-            """The form is as wide with a scroll bar as without one."""
-            choices.setContentsMargins(0, 0, BESIDE_PX - (BAR_PX if low else 0), 0)
-
-        self.area.verticalScrollBar().rangeChanged.connect(leave_room)
-        leave_room(0, 0)
         self.start.setFont(theme.font(theme.NORMAL, bold=True))
         self.start.setMinimumHeight(MAIN_PX[1])
         buttons = row(self.start, 1, self.show_plan, self.more)
         foot = column(self.checks, self.why, buttons, spacing=10, margins=(0, 4, BESIDE_PX, 0))
         left, top, right, low = PANEL_MARGINS
         self.session = panel("Session", self.area, foot, 1, margins=(left, top, right - BESIDE_PX, low))
-        self.next.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         self.planned = panel("Plan", (self.plan, 1))
         self.planned.hide()
-        beside = (self.picture, 3), (self.planned, 4), (self.data, 3)
-        self.side = holder(column(*beside, self.tried, spacing=theme.GAP))
+        self.side = holder(column((self.picture, 3), (self.planned, 4), (self.data, 3), spacing=theme.GAP))
         doing = holder(column(self.next, (self.session, 1), spacing=theme.GAP))
         doing.setMaximumWidth(SESSION_PX)
         for part in (doing, self.side):
@@ -210,11 +201,10 @@ class HomePage(Page):
         self._refresh()
 
     def _do_next(self) -> None:
-        coming = what_comes_next(self.data.overview, self._session_open)
-        if coming.kind == RESUME:
-            self._resume(coming.participant)
+        if session := to_resume(self.data.overview):
+            self._resume(session.participant)
         else:
-            self.page_asked.emit(RUN if coming.kind == GO else TRY_PAGE, None)
+            self.page_asked.emit(TRY, None)
 
     # --------------------------------------------------------------------------------------- what the window hands on
 
@@ -440,19 +430,15 @@ class HomePage(Page):
         self.checks.setText(breakable(listed(snapshot.checks)))
         self.checks.setVisible(bool(self.checks.text()))
         why_not = session_blocker(is_open, wanted.no_board, snapshot, real_device)
-        self.data.show_doing(Doing(is_open, why_not, snapshot.can_leave, self._opening))
-        self._show_next(is_open, why_not)
+        session = None if is_open else to_resume(self.data.overview)
+        self.next.show_next(session, why_not, self._opening)
+        first = is_first_visit(self.data.overview) and not is_open
+        self.next.setVisible(first or session is not None)
+        self.picture.setVisible(first and self.planned.isHidden())
+        theme.set_style(self.start, "main" if self.next.isHidden() else "")  # one button is the main one
+        next_one = session.participant if session else ""
+        self.data.show_doing(Doing(is_open, why_not, snapshot.can_leave, self._opening, next_one))
         self.ports.show_link(self.setup.link, self.snapshot.checks if self.opened else (), self._opening)
-
-    def _show_next(self, is_open: str, why_not: str) -> None:
-        """One button is the main one: what comes next, else the start of a session."""
-        coming = what_comes_next(self.data.overview, is_open)
-        self.next.show_next(coming, why_not, self._opening)
-        self.next.setVisible(coming.first or coming.kind != TRY)
-        self.picture.setVisible(coming.first and self.planned.isHidden())
-        self.tried.setVisible(not coming.first)
-        self.data.show_next(coming.participant)
-        theme.set_style(self.start, "" if self.next.isVisibleTo(self) else "main")
 
     def _show_start(self, wanted: Wanted, reasons: list[str], can_start: bool) -> None:
         self.standing.setText(standing_of(wanted))

@@ -1,49 +1,29 @@
-"""What comes next on Home, with one large button: try the device, resume the newest session, go to the open one."""
+"""What comes next on Home, with one large button: on a first visit to try the device, else to resume a session."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
-from PySide6.QtWidgets import QProgressBar
+from PySide6.QtWidgets import QProgressBar, QSizePolicy
 
 from app.window.widgets import theme
-from app.window.widgets.parts import (
-    Panel,
-    button,
-    column,
-    row,
-    show_wait,
-    text_label,
-    wrapped_label,
-)
-from experiments.store.overview import DataOverview
+from app.window.widgets.parts import Panel, button, column, row, show_wait, text_label, wrapped_label
+from experiments.store.overview import DataOverview, SessionOverview
 
-TRY_TITLE = "Try the device"
+TRY_TITLE, TRY = "Try the device", "Try it"
 TRY_TEXT = "Pull the handle with the mouse and compare controllers. Brakes steer, they never push. Nothing is saved."
 MAIN_PX = (190, 44)  # of the button: wide and high at least
-TRY, RESUME, GO = "try", "resume", "go"
 
 
-class Next(NamedTuple):
-    """What comes next."""
-
-    kind: str  # TRY, RESUME, GO
-    participant: str = ""  # whose session
-    done: int = 0  # trials of it
-    planned: int = 0
-    protocol: str = ""
-    first: bool = False  # there are no data yet: what comes first is to try
+def is_first_visit(overview: DataOverview | None) -> bool:
+    """Whether there are no data, as far as is known (None: not looked at yet)."""
+    return overview is None or not (overview.sessions or overview.problem)
 
 
-def what_comes_next(overview: DataOverview | None, is_open: str) -> Next:
-    """From the data folder (None: not looked at yet) and the participant whose session is open ("": none)."""
-    sessions = overview.sessions if overview is not None else ()
-    if is_open:
-        found = next((session for session in sessions if session.participant == is_open), None)
-        return Next(GO, is_open, found.done, found.planned, found.protocol) if found else Next(GO, is_open)
-    for newest in sessions[:1]:
-        if overview is not None and not (overview.operators or newest.complete or newest.problem or newest.declined):
-            return Next(RESUME, newest.participant, newest.done, newest.planned, newest.protocol)
-    return Next(TRY, first=overview is not None and not sessions and not overview.problem)
+def to_resume(overview: DataOverview | None) -> SessionOverview | None:
+    """The newest session of a data folder, if it can go on."""
+    if overview is None or overview.operators or not overview.sessions:
+        return None
+    newest = overview.sessions[0]
+    return None if newest.complete or newest.problem or newest.declined else newest
 
 
 class NextPanel(Panel):
@@ -52,28 +32,24 @@ class NextPanel(Panel):
     def __init__(self, do: Callable[[], object]) -> None:
         super().__init__()
         self.title, self.beside = text_label(size=theme.HEAD, bold=True), text_label("", "quiet")
-        self.text, self.bar = wrapped_label(), QProgressBar(textVisible=False)
-        self.do = button("", do)
+        self.text, self.bar = wrapped_label(TRY_TEXT), QProgressBar(textVisible=False)
+        self.do = button("", do, "main")
         self.do.setFont(theme.font(theme.TITLE, bold=True))
         self.do.setMinimumSize(*MAIN_PX)
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         head = row(self.title, 1, self.beside)
         self.setLayout(column(head, self.text, self.bar, row(self.do, 1), spacing=12, margins=(16, 12, 16, 14)))
 
-    def show_next(self, coming: Next, why_not: str, opening: str) -> None:
-        """why_not: why no session can be resumed now, a sentence. opening: whose session is being opened."""
-        has_session = coming.kind != TRY
-        self.title.setText(f"Participant {coming.participant}" if has_session else TRY_TITLE)
-        self.beside.setText(f"{coming.protocol.capitalize()} protocol" if coming.protocol else "")
-        texts = {TRY: TRY_TEXT, RESUME: "", GO: "The session is open."}
-        self.text.setText(texts[coming.kind])
-        self.text.setVisible(bool(texts[coming.kind]))
-        self.bar.setMaximum(max(coming.planned, 1))
-        self.bar.setValue(coming.done)
-        self.bar.setVisible(has_session and coming.planned > 0)
-        words = {TRY: "Try it", RESUME: "Resume session", GO: "Go to the session"}
-        self.do.setText(words[coming.kind])
-        self.do.setEnabled(coming.kind != RESUME or not (why_not or opening))
-        self.do.setToolTip(why_not if coming.kind == RESUME else "")
-        if opening and opening == coming.participant:
+    def show_next(self, session: SessionOverview | None, why_not: str, opening: str) -> None:
+        """session: to be resumed; None: Try. why_not: why none can be, a sentence. opening: whose is being opened."""
+        self.title.setText(f"Participant {session.participant}" if session else TRY_TITLE)
+        self.beside.setText(f"{session.protocol.capitalize()} protocol" if session and session.protocol else "")
+        self.text.setVisible(session is None)
+        self.bar.setVisible(session is not None)
+        self.bar.setMaximum(max(session.planned, 1) if session else 1)
+        self.bar.setValue(session.done if session else 0)
+        self.do.setText("Resume session" if session else TRY)
+        self.do.setEnabled(session is None or not (why_not or opening))
+        self.do.setToolTip(why_not if session else "")
+        if session and opening == session.participant:
             show_wait(self.do, "Opening …")
-        theme.set_style(self.do, "main" if has_session or coming.first else "")

@@ -1,10 +1,9 @@
-"""What Home shows of Try: the device with its handle on the path, and the way there once there are data."""
+"""What Home shows of the device before there are data: its handle on the path."""
 
 from app.window.canvas.layers import SPACING_M
 from app.window.canvas.path_marks import Sizes
 from app.window.canvas.small_view import SmallView
-from app.window.widgets.page import TRY, Page
-from app.window.widgets.parts import PANEL_MARGINS, Panel, button, column, row, text_label, wrapped_label
+from app.window.widgets.parts import Panel, column, row, text_label
 from core.path import outline
 from experiments.protocol import Protocol
 
@@ -27,14 +26,3 @@ class DevicePicture(Panel):
         way = outline(path, SPACING_M).tolist()
         self._picture.show_trial(device, path, tuple(way[len(way) // 2]))
         self._picture.show()
-
-
-class TryLine(Panel):
-    """The way to Try, where something else comes first."""
-
-    def __init__(self, page: Page) -> None:
-        super().__init__()
-        self.try_it = button("Try it", lambda: page.page_asked.emit(TRY, None))
-        about = wrapped_label("Compare the controllers by hand. Nothing is saved.", "quiet")
-        self.setLayout(row((column(text_label("Try the device", bold=True), about, spacing=4), 1), self.try_it,
-                           margins=PANEL_MARGINS))  # fmt: skip

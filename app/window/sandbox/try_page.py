@@ -23,7 +23,6 @@ from app.window.widgets.parts import (
     Panel,
     button,
     column,
-    keep_room,
     row,
     text_label,
     wrapped_label,
@@ -56,7 +55,7 @@ class TryPage(Page):
 
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
-        self._front, self._cleared = False, 0  # cleared: number of the last pass that is not shown
+        self._front = False
         self._reading = RefreshClock()
         self.canvas, self.table, self.controls = PassView(), PassTable(), Controls()
         self._timer = QTimer(self, singleShot=True, interval=SEND_MS)
@@ -69,7 +68,6 @@ class TryPage(Page):
         self.bring = button("Handle to the start  B", lambda: send(m.BringBack()), "small", back)
         self.bring.setFocusPolicy(NO_FOCUS)
         add_key("B", self, self.bring.click)
-        self.clear = button("Clear", self._clear, "link")
         self._lay_out()
         self.controls.changed.connect(self._set)
         self.canvas.pointer_moved.connect(self.pointer_moved)
@@ -99,14 +97,12 @@ class TryPage(Page):
         self.workspace, passes = Layered(self.canvas, LAYERS, over=False), Panel()
         self.workspace.foot.addWidget(self.bring)
         self.workspace.foot.addWidget(self.start)
-        head = row(text_label("Passes", size=theme.TITLE, bold=True), self.notice, self.clear)
+        head = row(text_label("Passes", size=theme.TITLE, bold=True), self.notice)
         passes.setLayout(column(head, self.table, spacing=0, margins=(12, 2, 8, 6)))
         left = column((self.workspace, 1), passes, spacing=theme.GAP)
         self.setLayout(row((left, 1), self.controls, spacing=theme.GAP))
         self.start.hide()
         self.bring.setEnabled(False)  # until the server has answered
-        keep_room(self.clear)
-        self.clear.hide()
         self._show_status(PREPARING)
         self._clear_figures()
 
@@ -162,11 +158,6 @@ class TryPage(Page):
         self.canvas.show_gap(self.controls.gap_m)
         self.workspace.layers[GAP].setEnabled(self.canvas.gap_m > 0.0)
 
-    def _clear(self) -> None:
-        if self.snapshot.sandbox is not None and self.snapshot.sandbox.passes:
-            self._cleared = self.snapshot.sandbox.passes[-1].number
-            self._show_passes()
-
     # ------------------------------------------------------------------------------------------- what the server sends
 
     def show_opened(self, opened: m.Opened) -> None:
@@ -204,7 +195,7 @@ class TryPage(Page):
         if now is None or snapshot.running is None:
             self._show_status(self._status())
         if before.sandbox is None or now is None or before.sandbox.passes != now.passes:
-            self._show_passes()
+            self.table.show_passes(now.passes if now is not None else [], self.opened.protocol)
 
     def _status(self) -> Shown:
         """The lines while no pass is running."""
@@ -274,10 +265,3 @@ class TryPage(Page):
     def _clear_figures(self, *figures: Figures) -> None:
         for figure in figures or (self.error, self.force, self.time):
             figure.show_parts(("–", COLOURS.text))
-
-    def _show_passes(self) -> None:
-        now = self.snapshot.sandbox
-        shown = [ended for ended in now.passes if ended.number > self._cleared] if now is not None else []
-        if now is not None and self.opened is not None:
-            self.table.show_passes(shown, self.opened.protocol)
-        self.clear.setVisible(bool(shown))
