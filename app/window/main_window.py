@@ -7,6 +7,7 @@ goes straight to the control loop, whichever page is at the front.
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from app.window.participant.participant_window import ParticipantWindow
 from app.window.settings import HelpCard, SettingsCard, about_help, controllers_help, files_help
 from app.window.widgets import memory, theme
 from app.window.widgets.cards import Cards, OverlayCard
-from app.window.widgets.keys import KEYS, SESSION, WINDOW, add_key, bind
+from app.window.widgets.keys import KEYS, OWN, PAGE, SESSION, WINDOW, add_key, bind
 from app.window.widgets.page import ANALYSE, DEVICE, HOME, RUN, TRY, Page
 from app.window.widgets.parts import NO_FOCUS, PART, OneLine, button, column, holder, row, stack, text_label
 from app.window.widgets.preflight import Banner, Preflight, wrong
@@ -275,14 +276,15 @@ class MainWindow(QWidget):
             self.cards.show_message("The folder cannot be shown", f"{text} Paste it into a terminal.")
 
     def show_keys(self) -> None:
-        """Those of every page, then those of the page at the front."""
+        """Those of every page, then those of one page."""
         groups = {
             title: {" or ".join(key.keys): key.does for key in table.values()}
-            for title, table in (("In a session", SESSION), ("In the window", WINDOW))
+            for title, table in (("In a session", SESSION), ("In the window", WINDOW), ("On one page", PAGE))
         }
         own = self.pages[self.shown].own_keys()
-        groups |= {f"On {self.shown}": own} if own else {}
-        self._show_help("Keys", "", groups)
+        more = {key: does for key, does in OWN.items() if not (own and does.startswith(self.shown))}
+        groups["On one page"] = dict(sorted((groups["On one page"] | more).items(), key=itemgetter(1)))
+        self._show_help("Keys", "", groups | ({f"On {self.shown}": own} if own else {}))
 
     def event(self, event: QEvent) -> bool:
         """On a page where the space bar starts nothing it presses the button that has the keyboard."""

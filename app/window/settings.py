@@ -65,19 +65,20 @@ class SettingsCard(OverlayCard):
         self.participant_screen = Choice()
         screens = {screen.name(): screen_words(screen) for screen in QGuiApplication.screens()}
         chosen = memory.remembered(memory.SCREEN)
-        choices = {memory.OTHER_SCREEN: "The one without this window", memory.NO_SCREEN: "None: F11 shows it here"}
+        choices = {memory.OTHER_SCREEN: "The other screen", memory.NO_SCREEN: "None: F11 shows it here"}
         self.participant_screen.fill({chosen: f"{chosen} (not attached)", **choices, **screens}, chosen)
         self.theme.show_value("dark" if theme.is_dark() else "light")  # --theme is remembered nowhere
         self.scale.show_value(memory.remembered(memory.SIZE))
-        self.sound.show_value(memory.remembered(memory.SOUND))
+        self.sound.show_value(memory.remembered(memory.SOUND) if player() is not None else memory.OFF)
+        self.sound.setEnabled(player() is not None)
         kept_in = OneLine(from_home(data_folder), "", theme.NORMAL)
         folder = holder(row(kept_in, button("Change …", lambda: changed(memory.DATA_FOLDER), "small")))
         lines = grid_of({
-            "Theme": (self.theme, "Changes at once, or after a running trial."),
-            "Size": (self.scale, "Of text and controls, as far as the screen has room. Changes at the next start."),
+            "Theme": (self.theme, "A change takes effect at once; during a trial, when it has ended."),
+            "Size": (self.scale, "Of text and controls. A change takes effect at the next start."),
             "Participant's screen": (self.participant_screen, ""),
-            "Sound": (self.sound, NO_SOUND if player() is None else "At “go” and at the end of a trial."),
-            "Data folder": (folder, "Where sessions are kept, now and at the next start."),
+            "Sound": (self.sound, NO_SOUND if player() is None else "A tone at “go” and one at the end of a trial."),
+            "Data folder": (folder, "Sessions are kept here."),
         })  # fmt: skip
         self.inside.addLayout(lines)
         self.participant_screen.activated.connect(lambda: self._choose(memory.SCREEN, self.participant_screen.value()))

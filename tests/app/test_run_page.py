@@ -25,7 +25,7 @@ from experiments.language import ENGLISH_WORDS, FOLDER, language_text
 from experiments.protocol_file import Cues
 
 CTRL, ALT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.AltModifier
-PROMISES = " | ".join(ENGLISH_WORDS[key] for key in ("next_soon", "next_space", "first_space", "start_soon"))
+PROMISES = " | ".join(ENGLISH_WORDS[key] for key in ("next_space", "first_space", "start_soon"))
 SHORT_DISK = m.Check("Disk", m.BAD, "12 MB free", "Free some space.")
 LATE = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
 OFF_BY_BOARD = m.Check("Device", m.BAD, m.BRAKES_OFF, "Brakes off. Esc.")
@@ -58,7 +58,7 @@ STATES = {
         (opened(), ready()), "Ready | next: trial 1 | Participant reads: Welcome · We start in a moment",
         offers="Start | Pause | Skip next trial | Close session", sends={"Space": [m.Start()]},
     ),
-    "resumed": Row((opened(), ready(5, newest=None)), "Participant reads: Welcome back", "Well done"),
+    "resumed": Row((opened(), ready(5, newest=None)), "Participant reads: Welcome back", "Thank you"),
     "paused": Row(
         (opened(), ready(paused=True)), "Paused | next: trial 1 | Resume | Participant reads: Take a break",
         sends={"Space": [], "Alt+P": [m.Pause(False)]},
@@ -66,7 +66,7 @@ STATES = {
     "notes": Row((opened(), ready(notes=("13:02 slower",))), "13:02 slower"),
     "repeated by itself": Row(
         (opened(), after("done", "stopped", coming=SECOND, notice="Trial 2 stopped. It comes again.")),
-        "next: trial 2, second try | 1 of 60 done | It comes again | Participant reads: Stopped",
+        "next: trial 2, second try | 59 of 60 trials to go | It comes again | Participant reads: Stopped",
         sends={"Space": [m.Start()]},
     ),
     # what keeps a trial from starting, or does not
@@ -159,7 +159,7 @@ STATES = {
     "finished, on a card": Row((opened(), runs(3), ready(60, stage=m.FINISHED)), "Path error | Repeat …", "Keep"),
     "finished, without a result": Row(
         (opened(), m.Snapshot(m.FINISHED, (*map(result, PLAN[:59]), result(PLAN[59], "aborted")))),
-        "1 of 60 trials has no result",
+        "Trial 60 has no result: aborted. | All 60 trials are over · 1 without a result",
     ),
     "failed": Row(
         (opened(), ready(9, stage=m.FAILED, notice="The disk is full.", notice_bad=True)),
@@ -179,7 +179,7 @@ STATES = {
         }.items()
     },
     "not given back": Row((opened(), runs(2), ready(3)), never=FED_BACK),
-    "in German": Row((GERMAN, ready(1)), "Participant reads: Gut gemacht"),
+    "in German": Row((GERMAN, ready(1)), "Participant reads: Danke"),
     "in German, questions": Row((GERMAN, ready(1, stage=m.QUESTIONS)), GERMAN.protocol.sentences["effort"]),
 }  # fmt: skip
 
@@ -201,10 +201,10 @@ def test_what_the_participant_reads_is_what_the_experimenter_reads_of_it(screens
 #: rows of the session, the trial that comes -> statuses in the plan's bar, what is marked, how far it is
 PLANS = {
     "each status": (runs(5, rows=tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))),
-                    ["done", "timeout", "aborted", "redone", "recovered"], 6, "3 of 60 done · 1 without a result"),
+                    ["done", "timeout", "aborted", "redone", "recovered"], 6, "57 of 60 trials to go · 1 without a"),
     "repeated": (ready(rows=(*map(result, PLAN[:3]), result(PLAN[3], "redone"), result(PLAN[3]._replace(run=61))),
-                       coming=PLAN[4]), ["done"] * 4, 5, "4 of 60 done"),
-    "cut short": (after("done", "stopped", coming=SECOND), ["done", "stopped"], 2, "1 of 60 done"),
+                       coming=PLAN[4]), ["done"] * 4, 5, "56 of 60 trials"),
+    "cut short": (after("done", "stopped", coming=SECOND), ["done", "stopped"], 2, "59 of 60 trials to go"),
 }  # fmt: skip
 
 

@@ -40,18 +40,19 @@ SAYS = {
     "approach": ((MOUSE_HAND, running()), tick_log.APPROACH, True, "Move to the start", "green circle", "pointer"),
     "hold": ((MOUSE_HAND, running()), tick_log.HOLD, True, "Hold", "Keep still", "pointer"),
     "move": ((MOUSE_HAND, running()), tick_log.MOVE, True, "Go", "Follow the line", "pointer"),
+    "move, for a while": ((MOUSE_HAND, running()), tick_log.MOVE, True, "", "Follow the line", "pointer"),
     "end": ((MOUSE_HAND, running()), tick_log.END, True, "One moment", "", "2.4"),
     "approach, let go": ((MOUSE_HAND, running()), tick_log.APPROACH, False, "Move to the start", "pointer", "circle"),
     "move, let go": ((MOUSE_HAND, running()), tick_log.MOVE, False, "Go", "pointer", "line"),
     "move, by a sensor": ((SENSOR_HAND, running(1)), tick_log.MOVE, False, "Go", "Follow the line", "pointer"),
-    "done": ((MOUSE_HAND, running(), ready(1)), None, True, "Well done", "next trial", "2.4"),
+    "done": ((MOUSE_HAND, running(), ready(1)), None, True, "Thank you", "One moment", "2.4"),
     "break": ((MOUSE_HAND, ready(9, stage=m.BREAK)), None, True, "Take a break", "Rest your hand", "trial"),
     "paused": ((MOUSE_HAND, ready(9, paused=True)), None, True, "Take a break", "", "trial"),
     "re-rig": ((MOUSE_HAND, ready(9, stage=m.RERIG)), None, True, "One moment", "prepared", "trial"),
     "finished": ((MOUSE_HAND, ready(9, stage=m.FINISHED)), None, True, "Thank you!", "", "trial"),
-    "time, too fast": ((TIMED, running(), ready(1)), None, True, "Well done", "2.4 seconds · A little slower", "mm"),
-    "too slow": ((SLOW, running(), ready(1)), None, True, "Well done", "A little faster", "2.4"),
-    "error": ((ERROR, running(), ready(1)), None, True, "Well done", "1.1 mm", "2.4"),
+    "time, too fast": ((TIMED, running(), ready(1)), None, True, "Thank you", "2.4 seconds · A little slower", "mm"),
+    "too slow": ((SLOW, running(), ready(1)), None, True, "Thank you", "A little faster", "2.4"),
+    "error": ((ERROR, running(), ready(1)), None, True, "Thank you", "1.1 mm", "2.4"),
 }  # fmt: skip
 
 
@@ -61,7 +62,7 @@ def test_what_the_participant_reads_is_plain_and_the_path_is_away_between_parts(
     for message in messages:
         screens.hear(message)
     if phase is not None:
-        screens.tick(ticks(phase), taken=taken)
+        screens.tick(ticks(phase, 2000 if "while" in case else 16), taken=taken)
     shown = screens.participant.view.shown
     assert shown.large == large and small in shown.small and never not in shown.small
     away = isinstance(messages[-1], m.Snapshot) and messages[-1].stage in (m.BREAK, m.RERIG, m.FINISHED)

@@ -68,15 +68,15 @@ def paint_ring(painter: QPainter, middle: QPointF, radius: float, width: float, 
 def paint_joints(
     painter: QPainter, rings: Mapping[str, QPointF], labels: Mapping[str, str], doing: Mapping[str, Doing] | None
 ) -> None:
-    """A ring for each brake, in the colour of what it does, its label in that of its current's curve; a bare ring for
-    a joint without a brake. doing: None: what tells the controllers apart is hidden."""
+    """A ring for each brake, in the colour of what it does, and its label; a bare ring for a joint without a brake.
+    doing: None: what tells the controllers apart is hidden."""
     for joint in (joint for joint in JOINTS if joint in rings):
         if joint not in labels:
             paint_ring(painter, rings[joint], BARE_PX, 2.0, COLOURS.brake_off)
             continue
         state = (doing or {}).get(joint, Doing()).state
         paint_ring(painter, rings[joint], ring_radius(labels[joint]), 3.0, SHADE[state])
-        colour = COLOURS.quiet if doing is None else theme.as_text(theme.JOINT[joint])
+        colour = COLOURS.quiet if doing is None else COLOURS.text
         write(painter, rings[joint], labels[joint], theme.SMALL, True, colour)
 
 

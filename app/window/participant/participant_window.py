@@ -36,7 +36,8 @@ LARGE_SHARE, SMALL_SHARE = 0.085, 0.032  # of the height: legible from two metre
 SMALL_ROOM = 0.07  # of the height: what all quiet lines have under the large one
 LINE = 1.2  # of the size of its letters: how high a line is
 TEXT_TOP, TEXT_ALONE = 0.81, 0.40  # of the height: where the text begins, under the path and without one
-EDGE_SHARE = 0.035  # of the height, above and under the rings of all paths; of the paths' width, beside them, at least
+EDGE_SHARE = 0.035  # of the height, under the rings of all paths; of the paths' width, beside them, at least
+TOP_SHARE = 0.10  # of the height, above the rings: a hand that strays there is still seen
 PATH_SHARE = 0.5  # of the width, that a session's widest path takes where the height allows it
 RIM_PX = 3.0  # around the handle
 ARM_SHARE = 0.7  # of the radius of the handle: how wide an arm is
@@ -89,7 +90,7 @@ class ParticipantView(Plane):
 
     def fit(self) -> None:
         height, edge = self.height(), EDGE_SHARE * self.height()
-        self._keep_free = QMarginsF(0.0, edge, 0.0, (1.0 - TEXT_TOP) * height + edge)
+        self._keep_free = QMarginsF(0.0, TOP_SHARE * height, 0.0, (1.0 - TEXT_TOP) * height + edge)
         share = max(min(height / 900.0, self.width() / 1200.0), LEAST_SHARE)
         self.sizes = Sizes(*(share * size for size in FROM_AFAR))
         super().fit()
@@ -172,7 +173,7 @@ class ParticipantWindow(QWidget):
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
         self._rest_until_s, self._told = 0.0, (False, False)
-        self._phase, self._hold_from_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
+        self._phase, self._since_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self.setObjectName("participant")
         self._stack = QStackedLayout(self)
         for widget in (self.view, self.questions, self.instructions, self.consent):
@@ -303,14 +304,14 @@ class ParticipantWindow(QWidget):
         if taken and self.view.mouse and not (self.view.pointer and self.view.underMouse()):
             self.view.show_pointer((float(now[tick_log.TARGET_X]), float(now[tick_log.TARGET_Y])))
         early = float(now[tick_log.T]) < self._early_s + LEFT_EARLY_S
-        self.view.write(words.moving(self._phase, held, self._language, early, self.view.handle_seen))
+        since_s = float(now[tick_log.T]) - self._since_s
+        self.view.write(words.moving(self._phase, held, self._language, early, self.view.handle_seen, since_s))
 
     def _follow_phase(self, rows: np.ndarray) -> None:
         """Tones, the sweep of the hold, and whether the start was left too early."""
         now, t = int(rows[-1, tick_log.PHASE]), float(rows[-1, tick_log.T])
         if now != self._phase:
-            if now == tick_log.HOLD:
-                self._hold_from_s = float(rows[np.argmax(rows[:, tick_log.PHASE] == now), tick_log.T])
+            self._since_s = float(rows[np.argmax(rows[:, tick_log.PHASE] == now), tick_log.T])
             if self._phase == tick_log.HOLD and now == tick_log.APPROACH:
                 self._early_s = t
             if self._opened is not None and self._opened.protocol.tones and now in (tick_log.MOVE, tick_log.END):
@@ -318,7 +319,7 @@ class ParticipantWindow(QWidget):
             self._phase = now
         hold_s = self._opened.protocol.trial.hold_s if self._opened is not None else 0.0
         holds = now == tick_log.HOLD and hold_s > 0.0
-        self.view.show_hold(min((t - self._hold_from_s) / hold_s, 1.0) if holds else 0.0)
+        self.view.show_hold(min((t - self._since_s) / hold_s, 1.0) if holds else 0.0)
 
     def show_dead(self) -> None:
         """The session server is gone."""

@@ -1,10 +1,10 @@
-"""What the experimenter can ask for, as buttons with their keys, and the field for a note.
+"""What the experimenter can ask for, as buttons with their keys or entries of a menu, and the field for a note.
 
 The buttons show what `Actions` allows; the page does what they ask for.
 """
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QLineEdit, QMenu, QWidget
 
 from app.ipc import messages as m
 from app.window.run.actions import Actions
@@ -20,7 +20,8 @@ def key_button(text: str, action: str, name: str = "key") -> KeyButton:
 
 
 class Commands(QWidget):
-    """Start, pause, abort, repeat, skip, close and a note: those that the stage has, rare ones behind *More*."""
+    """Start, pause, abort, repeat, skip, close and a note: those that the stage has; beside a card rare ones behind
+    *More*."""
 
     noted = Signal(str)
 
@@ -35,8 +36,8 @@ class Commands(QWidget):
         self.redo = key_button("Repeat last trial …", "redo")
         self.skip = key_button("Skip next trial …", "skip")
         self.leave = KeyButton("Close session …")
-        self.more = KeyButton("More  ▾")
-        self.more.setCheckable(True)
+        self.more, self.behind = KeyButton("More  ▾"), (self.pause, self.skip, self.leave)
+        self.more.clicked.connect(self._unfold)
         self.note = QLineEdit(accessibleName="Note, kept with the time", maxLength=500)
         self.note.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.note.setMinimumHeight(LEAST_PX)
@@ -45,15 +46,19 @@ class Commands(QWidget):
         self.setLayout(column(*parts))
         self.asks = {"redo": self.redo, "skip": self.skip, "abort": self.abort}
         self._texts = {pressed: pressed.text() for pressed in (self.start, *self.asks.values(), self.leave)}
-        self._on_card = False
-        self.more.toggled.connect(lambda _: self._fold())
-        self._runs = False
         self.setEnabled(False)  # until there is a protocol
-        self._fold()
+        self._show(runs=False, on_card=False)
+
+    def _unfold(self) -> None:
+        """The buttons behind *More*, as they are now, as a menu."""
+        menu = QMenu(self.more)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        for pressed in self.behind:
+            menu.addAction(f"{pressed.text()}\t{pressed.key.text()}", pressed.click).setEnabled(pressed.isEnabled())
+        menu.popup(self.more.mapToGlobal(self.more.rect().bottomLeft()))
 
     def write_note(self) -> None:
         if self.note.isEnabled():
-            self.more.setChecked(self.more.isChecked() or self._on_card)
             self.note.setFocus()
 
     def _keep_note(self) -> None:
@@ -83,18 +88,13 @@ class Commands(QWidget):
         self.note.setToolTip("\n".join(snapshot.notes))
         kept = f"Kept: {snapshot.notes[-1]}" if snapshot.notes else "Note …"
         self.note.setPlaceholderText(f"{kept}  {KEYS['note'].keys[0]}")
-        if on_card and not self._on_card:  # a note that is being written is not folded away
-            self.more.setChecked(bool(self.note.text()) or self.note.hasFocus())
-        self._on_card, self._runs = on_card, runs
-        self._fold()
+        self._show(runs, on_card)
 
-    def _fold(self) -> None:
-        """Show the buttons of the stage: beside a card all but *More* only once that is pressed."""
-        between, unfolded = not self._runs, self.more.isChecked() or not self._on_card
-        self.more.setText("More  ▴" if self.more.isChecked() else "More  ▾")
+    def _show(self, runs: bool, on_card: bool) -> None:
+        """Show the buttons of the stage."""
+        plain = not runs and not on_card
         for pressed, shown in (
-            (self.start, between and not self._on_card), (self.more, self._on_card), (self.pause, unfolded),
-            (self.abort, self._runs), (self.redo, between and not self._on_card), (self.skip, between and unfolded),
-            (self.leave, between and unfolded), (self.note, unfolded),
+            (self.start, plain), (self.more, on_card), (self.pause, not on_card), (self.abort, runs),
+            (self.redo, plain), (self.skip, plain), (self.leave, plain),
         ):  # fmt: skip
             pressed.setVisible(shown)

@@ -368,8 +368,9 @@ class RunPage(Page):
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         if self.snapshot.running is None or self.snapshot.sandbox is not None:
             return
-        self.workspace.view.add(rows, taken if hand_is_mouse(self.opened) else None)
-        self._write_phase(int(rows[-1, tick_log.PHASE]), taken)
+        view = self.workspace.view
+        view.add(rows, taken if hand_is_mouse(self.opened) else None)
+        self._write_phase(view.phase, taken, float(rows[-1, tick_log.T]) - view.began_s)
         self._ticks.append(rows)
         self._new += 1
         if self._new >= PANELS_EVERY:
@@ -395,10 +396,10 @@ class RunPage(Page):
 
     # ------------------------------------------------------------------------------------------- words
 
-    def _write_phase(self, phase: int, taken: bool) -> None:
-        """What the participant reads in a phase of a trial."""
+    def _write_phase(self, phase: int, taken: bool, since_s: float = 0.0) -> None:
+        """What the participant reads in a phase of a trial, which has lasted so long."""
         held, seen = taken or not hand_is_mouse(self.opened), self.workspace.view.handle_seen
-        shown = words.moving(phase, held, words.language_of(self.opened), seen=seen)
+        shown = words.moving(phase, held, words.language_of(self.opened), seen=seen, since_s=since_s)
         self.workspace.view.show_line(reads(shown))
 
     def _write_between(self) -> None:

@@ -11,7 +11,7 @@ from app.window.widgets.cards import Ask, Cards, OverlayCard
 from app.window.widgets.page import ANALYSE, DEVICE, Page
 from app.window.widgets.words import LEAVE, clock
 from experiments.plan import counted
-from experiments.store.cells import finished_cells
+from experiments.store.cells import cell, finished_cells, place
 
 ABORT = Ask(
     "abort", "Abort this trial?", "It runs until you answer. Its recording is kept and marked as aborted.", "Abort",
@@ -32,8 +32,21 @@ UNBLIND = Ask(
     "Their names become visible here and in the tables. The journal keeps who asked.", "Show",
     own="Who asks",
 )  # fmt: skip
+NAMED = 6  # trials, at most, of those without a result
 RESTED = "Go on when the participant is ready."
 STOPPED = "The brakes are off. The line at the foot says why, and what is kept. Started again, it goes on from there."
+
+
+def without_result(opened: m.Opened, snapshot: m.Snapshot) -> str:
+    """ " Trial 4 has no result: excluded.", after another sentence; "": all have one."""
+    lacking = finished_cells(snapshot.rows)[1]
+    last = {place(row, opened.plan): row.status for row in snapshot.rows if cell(row) in lacking}
+    if len(last) == 1:
+        ((number, status),) = last.items()
+        return f" Trial {number} has no result: {status}."
+    named = ", ".join(f"{number} ({status})" for number, status in sorted(last.items())[:NAMED])
+    more = f" and {len(last) - NAMED} more" if len(last) > NAMED else ""
+    return f" {len(last)} trials have no result: {named}{more}." if last else ""
 
 
 class SessionCards(Cards):
@@ -115,10 +128,7 @@ class SessionCards(Cards):
         kept = sum(bool(row.recording) for row in snapshot.rows)
         are = "is" if kept == 1 else "are"
         text = f"{counted(kept, 'recording')} {are} kept and verified in {opened.folder}."
-        lacking = len(finished_cells(snapshot.rows)[1])
-        if lacking:
-            have = "trials has" if lacking == 1 else "trials have"
-            text += f" {lacking} of {len(opened.plan)} {have} no result: × (aborted), – (skipped) or e (excluded)."
+        text += without_result(opened, snapshot)
         buttons = [("Results  F2", lambda: page.page_asked.emit(ANALYSE, None))]
         if snapshot.blind:
             buttons.append(("Show the controllers …", lambda: self.ask(UNBLIND, lambda who: page.send(m.Unblind(who)))))

@@ -23,7 +23,7 @@ from app.window.widgets.parts import (
 from app.window.widgets.plots import TimingStrip, Trace, currents_of
 from app.window.widgets.preflight import Banner, wrong
 from app.window.widgets.theme import COLOURS, text_width
-from app.window.widgets.words import LACKING, done_of, minutes
+from app.window.widgets.words import LACKING, minutes, to_go
 from core import tick_log
 from core.device import Device
 from core.mechanism import JOINTS
@@ -73,9 +73,9 @@ class Strip(Panel):
     def show_session(self, opened: m.Opened, snapshot: m.Snapshot) -> None:
         self.plan.show_session(opened, snapshot)
         done, lacking = map(len, finished_cells(snapshot.rows))
-        so_far = done_of(done, len(opened.plan), lacking) if opened.participant else ""
-        left = "" if snapshot.stage == m.FINISHED else minutes(snapshot.seconds_left)
-        self.progress.setText(PART.join(filter(None, (so_far, left))))
+        left = len(opened.plan) - done
+        so_far = to_go(left, len(opened.plan), lacking) if opened.participant else ""
+        self.progress.setText(PART.join(filter(None, (so_far, minutes(snapshot.seconds_left) if left else ""))))
         self.progress.setToolTip(LACKING if lacking else "")
         self.banner.show_text(said := wrong(snapshot))
         self._base.setCurrentIndex(int(bool(said)))

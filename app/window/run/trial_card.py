@@ -64,6 +64,7 @@ class Measure(QWidget):
             highest = max(highest, *values, 0.0)
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
         self.graph.setXRange(0.0, self.end, padding=0.03)
+        self.graph.getPlotItem().getAxis("bottom").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
 
 
 class TrialCard(QWidget):
@@ -110,8 +111,9 @@ class TrialCard(QWidget):
         self.own.setVisible(bool(row.own))
         faint = theme.mixed(COLOURS.panel, colour, EARLIER_ALPHA).name()
         shown = [("◉", colour, "this trial", True), ("●", faint, "same controller", bool(same))]
-        shown.append(("●", COLOURS.brake_off, "others", len(here) > len(same)))
-        self.legend.setText(" &nbsp; ".join(f"{in_colour(dot, of)} {name}" for dot, of, name, there in shown if there))
+        shown.append(("●", COLOURS.brake_off, "other controllers", len(here) > len(same)))
+        legend = " &nbsp; ".join(f"{in_colour(dot, of)} {name}" for dot, of, name, there in shown if there)
+        self.legend.setText(f"{legend}<br>All paths, {row.configuration}" if here else legend)
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         flags = [f"▲ {flag}" for flag in trial_flags(row, ticks)]

@@ -30,19 +30,29 @@ SESSION = {
     "note": Key(("Alt+N",), "write a note"),
 }
 WINDOW = {
-    "export": Key(("Ctrl+E",), "export what is shown"),
     "home": Key(("Ctrl+1",), "Home"),
     "try": Key(("Ctrl+2",), "Try"),
     "run": Key(("Ctrl+3",), "Run"),
     "analyse": Key(("Ctrl+4", "F2"), "Analyse"),
     "device": Key(("Ctrl+5", "F3"), "Device"),
-    "save": Key(("Ctrl+S",), "save the protocol in the editor"),
     "participant": Key(("F11",), "show or hide the participant's view"),
     "keys": Key(("F1", "?"), "show the keys"),
     "help": Key(("Shift+F1",), "the help menu"),
     "settings": Key(("Ctrl+,",), "settings"),
 }
-KEYS = SESSION | WINDOW
+#: on one page
+PAGE = {
+    "export": Key(("Ctrl+E",), "Analyse: export what is shown"),
+    "save": Key(("Ctrl+S",), "Editor: save the protocol"),
+}
+KEYS = SESSION | WINDOW | PAGE
+#: keys that a page, a question or a field of text has itself
+OWN = {
+    "1 to 5": "Try: choose a controller",
+    "B": "Try: back to the start",
+    "Alt+1 to 4": "Question: answer it with this reason",
+    "Ctrl+Z": "Editor: undo a change",
+}
 
 
 def bind(window: QWidget, commands: Mapping[str, Callable[[], object]]) -> None:

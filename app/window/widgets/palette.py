@@ -36,7 +36,7 @@ class Palette(NamedTuple):
     handle_name: str  # its colour, to the participant
     wedge: str
     wedge_edge: str
-    joints: tuple[str, str, str, str]  # A, E, B, C
+    joints: tuple[str, str, str, str]  # A, E, B, C: no hue, which would mean a controller
     controllers: tuple[str, ...]  # 1 ..
 
     @property
@@ -54,7 +54,7 @@ DARK = Palette(
     arm="#2e363f", arm_core="#505b67", pointer="#c6ced6", end_ring="#e69f00",
     trace="#58b4e8", accent="#4f9de0", accent_ground="#1f4b7a", handle="#ffffff", handle_name="white",
     wedge="#cc79a7", wedge_edge="#7d5070",
-    joints=ON_DARK.joints, controllers=ON_DARK,
+    joints=("#f3f3f3", "#c2c2c2", "#949494", "#6c6c6c"), controllers=ON_DARK,
 )  # fmt: skip
 LIGHT = Palette(
     ground="#e9edf1", panel="#fbfcfd", field="#e3e8ed", canvas="#f5f7f9", line="#cfd6dd", edge="#aab4be",
@@ -64,7 +64,7 @@ LIGHT = Palette(
     arm="#c3ccd5", arm_core="#8d99a5", pointer="#46505a", end_ring="#c47400",
     trace="#1c6fa8", accent="#1d6cba", accent_ground="#cde2f7", handle="#12161b", handle_name="dark",
     wedge="#b5568a", wedge_edge="#c98bad",
-    joints=ON_LIGHT.joints, controllers=ON_LIGHT,
+    joints=("#141414", "#3e3e3e", "#686868", "#919191"), controllers=ON_LIGHT,
 )  # fmt: skip
 PALETTES = {"dark": DARK, "light": LIGHT}
 #: in place of each colour its role

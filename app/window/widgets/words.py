@@ -82,10 +82,15 @@ def language_of(opened: m.Opened | None) -> Language:
     return opened.protocol.sentences if opened is not None else ENGLISH_WORDS
 
 
-def moving(phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True) -> Shown:
+GO_S = 1.0  # that "Go" stands in large letters: then nothing draws the eye from the path
+
+
+def moving(
+    phase: int, taken: bool, language: Language, left_early: bool = False, seen: bool = True, since_s: float = 0.0
+) -> Shown:
     """The lines of a phase of a trial, and while it is being written. left_early: the start was left before "go".
 
-    seen: the handle is in sight; else the participant is not asked to touch it.
+    seen: the handle is in sight; else the participant is not asked to touch it. since_s: how long the phase has lasted.
     """
     if phase not in PHASES:
         return Shown(language["preparing"])
@@ -94,7 +99,8 @@ def moving(phase: int, taken: bool, language: Language, left_early: bool = False
         small = "take" if seen else "stopped_how"
     elif left_early:
         small = "hold_again"
-    return Shown(language[large], language[small].format(handle=language[palette.chosen.handle_name]))
+    told = "" if phase == tick_log.MOVE and since_s > GO_S else language[large]
+    return Shown(told, language[small].format(handle=language[palette.chosen.handle_name]))
 
 
 def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = False) -> Shown:
@@ -114,10 +120,8 @@ def between(snapshot: m.Snapshot, opened: m.Opened | None, own_start: bool = Fal
     if row is None:
         large, space = ("welcome_back", "next_space") if snapshot.rows else ("welcome", "first_space")
         return Shown(language[large], language["stopped_how" if blocked else space if own_start else "start_soon"])
-    parts = given_back(row, opened)
-    if not blocked:
-        parts.append(language["next_space" if own_start else "next_soon"])
-    return Shown(language[ENDINGS[row.status]], " · ".join(parts) or language["stopped_how"])
+    follows = language["next_space" if own_start and not blocked else "stopped_how"]
+    return Shown(language[ENDINGS[row.status]], " · ".join([*given_back(row, opened), follows]))
 
 
 def with_keys(shown: Shown, snapshot: m.Snapshot, language: Language) -> Shown:
@@ -180,9 +184,10 @@ def describe(planned: PlannedTrial | TrialRow, opened: m.Opened, blind: bool) ->
     return f"{planned.configuration} · {cell(planned, opened, blind)}"
 
 
-def done_of(done: int, planned: int, lacking: int) -> str:
-    """How far a session is: trials of the plan that are done; those without a result."""
-    return f"{done} of {planned} done" + (f" · {lacking} without a result" if lacking else "")
+def to_go(left: int, planned: int, lacking: int) -> str:
+    """How far a session is: trials of the plan that are left; those that are over without a result."""
+    said = f"{left} of {planned} trials to go" if left else f"All {planned} trials are over"
+    return said + (f" · {lacking} without a result" if lacking else "")
 
 
 def minutes(seconds: float | None) -> str:
