@@ -14,9 +14,9 @@ from core.files import InputError
 from experiments.analysis.charts import boxes as _boxes
 from experiments.analysis.metrics import BY_NAME, Metric
 from experiments.analysis.own_measures import own_metrics, recorded_metrics
-from experiments.analysis.statistics import Result, configurations_of
+from experiments.analysis.statistics import NAMED, configurations_of, with_names
 from experiments.analysis.statistics import statistics as _statistics
-from experiments.analysis.trials_table import DICTIONARY, as_table, complete, own_columns, read_table
+from experiments.analysis.trials_table import DICTIONARY, as_table, complete, names_in, own_columns, read_table
 from experiments.export.files import RECORDING, own_columns_described
 from experiments.protocol import Protocol, load_protocol, read_protocol
 from experiments.simulate.scene import read_scene, scene_file
@@ -170,6 +170,7 @@ def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
     found = _boxes(trials, metric, configurations_of(trials))
     index = pd.MultiIndex.from_tuples(list(found), names=["controller", "configuration"])
     frame = Frame([box._asdict() for box in found.values()], index=index).sort_index()
+    frame.insert(0, "controller_name", frame.index.get_level_values("controller").map(names_in(trials)))
     numbers = ["median", "q1", "q3", "low", "high"]
     frame[numbers] = frame[numbers] / metric.scale
     frame["outliers"] = [tuple(value / metric.scale for value in values) for values in frame["outliers"]]
@@ -182,7 +183,8 @@ def statistics(trials: pd.DataFrame) -> pd.DataFrame:
 
     trials: as `run_study` and `load_trials` return them.
     """
-    return Frame(_statistics(complete(trials)), columns=list(Result._fields))
+    trials = complete(trials)
+    return Frame(with_names(_statistics(trials), names_in(trials)), columns=list(NAMED))
 
 
 def _metric(name: str, trials: pd.DataFrame) -> Metric:

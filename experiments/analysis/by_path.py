@@ -33,7 +33,7 @@ def by_path(trials: Trials, names: Mapping[Controller, str], timeouts: bool = Fa
         name = controller if isinstance(controller, str) else names.get(controller, f"controller {controller}")
         rows.append((device, path, controller, " ".join(name.split()), measure, len(cell), median, q1, q3))
     rows.sort(key=lambda row: (row[1], isinstance(row[2], str), row[2], order[row[4]]))
-    columns = ["device", "path", "controller", "controller_name", "measure", "trials", "median", "q1", "q3"]
+    columns = ["configuration", "path", "controller", "controller_name", "measure", "trials", "median", "q1", "q3"]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -43,7 +43,7 @@ def by_path_table(found: "pd.DataFrame", own: Sequence[Metric]) -> str:
         return ""
     metrics = (*JUDGED, *own)
     lines = []
-    for place, cell in found.groupby(["path", "device", "controller_name"], sort=False):
+    for place, cell in found.groupby(["path", "configuration", "controller_name"], sort=False):
         of_measure = cell.set_index("measure")
         cells = []
         for metric in metrics:

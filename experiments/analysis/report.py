@@ -17,22 +17,27 @@ from experiments.analysis.gap_reading import GapReadOtherwise, gap_sentence, gap
 from experiments.analysis.sensitivity import Read, sensitivity
 from experiments.analysis.simulation_errors import HAND, STEP, Moved, error_sentence, error_table
 from experiments.analysis.statistics import (
+    CELL,
     MEASURES,
+    NAMED,
     Result,
     configurations_of,
     people_of,
     scores,
     statistics,
     too_few,
+    with_names,
 )
 from experiments.analysis.trials_table import (
     COUNTED,
+    Controller,
     StudyData,
     Trials,
     controllers_of,
     csv_bytes,
     frame_bytes,
     is_coded,
+    names_in,
     own_columns,
     to_compare,
     without_value,
@@ -66,7 +71,9 @@ def write_report(
         raise InputError(f"{folder}: no trial was done or timed out, there is nothing to report")
     coded = is_coded(trials)
     refusal = why_no_findings(data.controllers, coded)
-    names = {k: preset.name for k, preset in data.controllers.items()} if refusal else CONTROLLER
+    names = {k: preset.name for k, preset in data.controllers.items()}
+    titles = names_in(trials) | names
+    names = names if refusal else CONTROLLER
     found = [] if refusal else findings(trials, timeouts)
     by_boxes = [] if refusal else box_findings_of(trials, timeouts)
     warned = [*warnings(trials, found, data.simulated), *without_value(trials, data.own, data.failed)]
@@ -78,12 +85,13 @@ def write_report(
         "findings": report_tables.findings_table(found, by_boxes),
     }
     of_paths = by_path.by_path(trials, data.labels, timeouts)
-    files = {"participant_means.csv": _means_csv(to_compare(trials, timeouts)), by_path.NAME: frame_bytes(of_paths)}
+    means = _means_csv(to_compare(trials, timeouts), titles)
+    files = {"participant_means.csv": means, by_path.NAME: frame_bytes(of_paths)}
     parts["by_path"] = by_path.by_path_table(of_paths, data.own)
     if not coded:
         none = _uncontrolled(data)
         results = [*statistics(trials, timeouts), *sensitivity(trials, read, timeouts, none or 0)]
-        files["statistics.csv"] = _csv(Result._fields, results)
+        files["statistics.csv"] = _csv(NAMED, with_names(results, titles))
         parts |= _comparisons(data, results, names) if refusal else {}
         parts |= {} if none is None else _against_none(data, results, names, none)
         parts["roughness"] = report_tables.roughness_table(results, names)
@@ -97,7 +105,9 @@ def write_report(
             parts["gap_medians"] = gap_sentence(trials, gap, timeouts)
     if moved and not coded:
         parts |= {"errors": error_table(moved, names), "error_bar": error_sentence(moved), "step": STEP, "hand": HAND}
-        files["simulation_errors.csv"] = _csv(Moved._fields, moved)
+        files["simulation_errors.csv"] = _csv(
+            (*Moved._fields, "controller_name"), [(*move, titles.get(move.controller)) for move in moved]
+        )
     files["report.md"] = page(parts).encode()
     write_new_files({folder / name: content for name, content in files.items()})
     return warned
@@ -164,7 +174,7 @@ def _findings_csv(found: Sequence[Finding], by_boxes: Sequence[Finding]) -> byte
     return _csv(header, lines)
 
 
-def _means_csv(trials: Trials) -> bytes:
+def _means_csv(trials: Trials, titles: Mapping[Controller, str]) -> bytes:
     """One line a participant, configuration and controller: the means that the tests are made of."""
     measures = (*MEASURES, *own_columns(trials))
     tables = [scores(trials, measure) for measure in measures]
@@ -174,8 +184,11 @@ def _means_csv(trials: Trials) -> bytes:
         for configuration in configurations_of(trials)
         for controller in controllers_of(trials)
     ]
-    lines = [(*cell, *(t.get(cell) for t in tables)) for cell in cells if any(cell in t for t in tables)]
-    return _csv(("participant", "configuration", "controller", *measures), lines)
+    lines = [
+        (*cell, titles.get(cell[2]), *(t.get(cell) for t in tables))
+        for cell in cells if any(cell in t for t in tables)
+    ]  # fmt: skip
+    return _csv((*CELL, "controller_name", *measures), lines)
 
 
 def warnings(trials: Trials, found: Sequence[Finding], simulated: bool) -> list[str]:

@@ -11,7 +11,7 @@ caller decides (`trials_table.to_compare`), as in the box plots.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # its parts, of a second each, are loaded where they are first used
 
 from experiments.analysis.metrics import METRICS
-from experiments.analysis.trials_table import TRIED, Trials, by_controller, own_columns, to_compare
+from experiments.analysis.trials_table import TRIED, Controller, Trials, by_controller, own_columns, to_compare
 
 #: The paper's two, by device name.
 PAPER_CONFIGURATIONS = ("three-brake", "four-brake")
@@ -65,6 +65,10 @@ class Result(NamedTuple):
     missing: str = ""  # why there is no p, or no interval
 
 
+#: Of `with_names`.
+NAMED = (*Result._fields, "first_name", "second_name")
+
+
 class Interval(NamedTuple):
     """The middle of some values, one a participant, and where that of people like them lies."""
 
@@ -91,6 +95,16 @@ def statistics(trials: Trials, timeouts: bool = False) -> list[Result]:
     for measure in measures:
         results += trend(trials, measure)
     return results + error_and_speed(trials)
+
+
+def with_names(results: Sequence[Result], names: Mapping[Controller, str]) -> list[tuple]:
+    """Each result with the names of its controllers, an order of them included; "" where there is none."""
+
+    def named(text: str) -> str:
+        numbers = text.split(" < ")
+        return " < ".join(names.get(int(k), "") for k in numbers) if all(map(str.isdigit, numbers)) else ""
+
+    return [(*result, named(result.first), named(result.second)) for result in results]
 
 
 def by_configuration(trials: Trials, measure: str) -> Iterator[tuple[str, ByController]]:

@@ -258,6 +258,12 @@ def controllers_of(trials: Trials) -> list[Controller]:
     return sorted(dict.fromkeys(trials["controller"].tolist()), key=by_controller)
 
 
+def names_in(trials: Trials) -> dict[Controller, str]:
+    """Controller or code -> its name, where the table has it."""
+    named = trials.dropna(subset="controller_name")
+    return dict(zip(named["controller"], named["controller_name"], strict=True))
+
+
 def is_coded(trials: Trials) -> bool:
     """Whether some trial is of a blind session."""
     return any(isinstance(controller, str) for controller in controllers_of(trials))

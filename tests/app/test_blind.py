@@ -152,7 +152,7 @@ def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, con
     assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]
     report = (tmp_path / "out" / "report" / "report.md").read_text()
     assert "The controllers are coded" in report
-    names = [preset.name for preset in PAPER.controllers.values() if preset.name != "None"]
+    names = [preset.name for preset in PAPER.controllers.values() if preset.name != "No control"]
     assert not any(name in report for name in names)
     assert {path.name for path in (tmp_path / "out" / "report").iterdir()} == {
         "by_path.csv",

@@ -252,7 +252,7 @@ def test_the_plan_is_shown_before_anyone_sits_down_and_a_blind_one_in_codes(show
     page.blind.click()
     shown.until(lambda: "K5" in plan())
     assert not any(
-        preset.name in plan() for preset in load_protocol(PAPER).controllers.values() if preset.name != "None"
+        preset.name in plan() for preset in load_protocol(PAPER).controllers.values() if preset.name != "No control"
     )
     closed_session(folder, 1, participant="02", protocol=load_protocol(PAPER, seed=9), blind=True)
     page.blind.click()

@@ -399,7 +399,7 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
 
 
 def test_a_blind_console_tells_no_controllers_apart(screens: Screens) -> None:
-    names = " | ".join(preset.name for preset in PRESETS.values() if preset.name != "None")
+    names = " | ".join(preset.name for preset in PRESETS.values() if preset.name != "No control")
     for over in range(10):
         row = Row((opened(), runs(over, blind=True)), f"path {PLAN[over].path}", f"{names} | Currents | Energy")
         check(screens, row)

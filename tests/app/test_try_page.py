@@ -196,7 +196,7 @@ def test_a_setting_has_one_row_with_its_newest_pass_on_each_device_the_newest_on
     )  # fmt: skip
     held.page.show_snapshot(tried(INITIAL, *passes))
     assert [held.cells(row)[1:6] for row in range(7)] == [
-        ["None", "–", "1", "4.0", "5.0"], ["SDOF", "–", "1", "–", "3.0"],
+        ["No control", "–", "1", "4.0", "5.0"], ["SDOF", "–", "1", "–", "3.0"],
         ["SDOF with gap", "gap 8 mm", "1", "1.0", "–"],
         ["Proportional, high gain", "10\u202f000 N s/m", "1", "time was up", "–"],
         ["SDOF", "changed on the way", "1", "9.0", "–"], ["SDOF", "–", "2", "8.0", "–"],

@@ -25,7 +25,7 @@ from experiments.protocol import label, load_protocol
 NOTE = "Settled rules, low gain 5 N s/m, parameters assumed."
 LABELS = {number: label(preset.name) for number, preset in load_protocol().controllers.items()}
 BOTH = ("three-brake", "four-brake")
-LONG = {1: label("None"), 2: label("A wall of the softest kind that there is, with a gap on either of its sides")}
+LONG = {1: label("No control"), 2: label("A wall of the softest kind that there is, with a gap on either of its sides")}
 finite = st.floats(-1e6, 1e6).map(lambda value: round(value, 6))
 
 

@@ -12,11 +12,11 @@ def test_a_row_is_the_median_and_the_quartiles_of_a_device_a_path_a_controller_a
     found = by_path(trials, LABELS)
     assert len(found) == len(BOTH) * 2 * 2 * 3, "devices, paths, controllers, measures that have a value"
     for row in found.itertuples():
-        place = trials["configuration"].eq(row.device) & trials["path"].eq(row.path)
+        place = trials["configuration"].eq(row.configuration) & trials["path"].eq(row.path)
         values = trials[place & trials["controller"].eq(row.controller)][row.measure]
         assert (row.median, row.q1, row.q3) == pytest.approx(tuple(values.quantile([0.5, 0.25, 0.75])))
         assert row.trials == len(values) == 9
-    assert set(found["controller_name"]) == {"None", "Proportional, high gain"}
+    assert set(found["controller_name"]) == {"No control", "Proportional, high gain"}
     table = by_path_table(found, ())
     assert "path error (mm)" in table and "Proportional, high gain" in table and table.count("\n") == 1 + 8
     assert by_path_table(by_path(trials[trials["path"] == 1], LABELS), ()) == ""

@@ -45,9 +45,13 @@ def test_a_study_has_the_numbers_of_its_table_and_participants_as_text(folder: P
     simulated = phd.run_study(protocol, operators=1)
     same = [name for name in there if name != "recording"]
     pd.testing.assert_frame_equal(simulated[same], there[same])
-    assert len(phd.statistics(there)) == len(statistics(read_table(folder / "trials.csv")))
+    found = phd.statistics(there)
+    assert len(found) == len(statistics(read_table(folder / "trials.csv")))
+    assert set(found.query("test == 'mean' and first == '1'")["first_name"]) == {"No control"}
+    assert set(found.query("test == 'difference' and second == '2'")["second_name"]) == {"SDOF"}
     boxes = phd.boxes(pd.concat([there] * 5, ignore_index=True), "path_error_m")
     first = there[(there.controller == 1) & (there.configuration == "four-brake")]
+    assert boxes.loc[(1, "four-brake"), "controller_name"] == first["controller_name"].iloc[0] == "No control"
     assert boxes.loc[(1, "four-brake"), "median"] == pytest.approx(first["path_error_m"].median())
     with pytest.raises(phd.InputError, match="there is no measure 'speed'"):
         phd.boxes(there, "speed")
@@ -163,7 +167,10 @@ def test_a_protocol_from_values_is_the_one_of_its_toml_and_runs(tmp_path: Path):
     device = phd.device((0.3,) * 4, ((-0.05, 0.0), (0.05, 0.0)), {"A": brakes, "B": "mrb-2107-3"}, name="small")
     line = {"kind": "segment", "start_m": np.array([-0.1, 0.4]), "end_m": (0.1, 0.4), "number": 3}
     bow = np.column_stack([np.linspace(-0.1, 0.1, 9), 0.4 + 0.02 * np.cos(np.linspace(-1.5, 1.5, 9))])
-    guides = [{"name": "None", "kind": "none"}, {"name": "Soft", "kind": "proportional", "gain_N_s_m": np.float64(300)}]
+    guides = [
+        {"name": "No control", "kind": "none"},
+        {"name": "Soft", "kind": "proportional", "gain_N_s_m": np.float64(300)},
+    ]
     made = phd.protocol("mine", [device, "four-brake"], [line, bow], guides, seed=5, trial={"hold_s": 0.2})
     (file := tmp_path / "mine.toml").write_text(made.text)
     read = load_protocol(file)
