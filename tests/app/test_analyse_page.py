@@ -322,16 +322,18 @@ def test_a_click_on_a_point_opens_its_trial_and_rings_it_in_all_plots_and_steps_
     click(page.plots[1], point.x, point.y)
     assert page.chosen == row and page.side.isVisible() and page.side.title.text() == f"Participant 02, trial {row.run}"
     assert "no recording" in page.side.note.text()
+    assert page.own_keys()["Left"] == "0.1 s back" and not page.charts.isVisible()
+    page.to_close()()
     for plot in page.plots[:3]:
         (x, y), wanted = ringed(plot)[0], next(p for p in plot.chart.points if p.row == row)
         assert (x, y) == pytest.approx((wanted.x, np.log10(wanted.y) if plot.chart.logarithmic else wanted.y))
     page.show_page(PERSON)
     assert len(ringed(page.plots[2])) == 1
-    page.show_page(POOLED)
-    assert page.own_keys()["Left"] == "0.1 s back"
+    page.show_page(TRIAL)
+    assert page.side.title.text() == f"Participant 02, trial {row.run}", "the one that was looked at last"
     page.to_close()()
-    assert not page.side.isVisible() and page.to_close() is None and not ringed(page.plots[0])
-    assert page.own_keys() == {}, "the player is not there"
+    assert page.tabs.value() == PERSON and not page.side.isVisible() and page.to_close() is None
+    assert ringed(page.plots[0]) and page.own_keys() == {}, "the player is not there"
     click_on(page.people.chips["02"])
     last = max((row for row in shown_in(page) if row.participant == "01"), key=lambda row: row.run)
     page.open_trial(last)
@@ -382,28 +384,27 @@ def two_trials(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def recorded(qtbot, tmp_path: Path, two_trials: Path) -> AnalysePage:
-    """The page on a session of two trials that is not open, with the second beside the charts."""
+    """The page on a session of two trials that is not open, with the second in front."""
     data = shutil.copytree(two_trials, tmp_path / "data")
     page = page_on(qtbot, data / "sub-01" / "ses-01" / "trials" / "run-002.parquet")
     qtbot.waitUntil(lambda: page.side.trial is not None and bool(shown_in(page)), timeout=60_000)
     return page
 
 
-def test_a_recording_opens_among_the_trials_of_its_data_folder_and_can_have_the_page_to_itself(recorded, tmp_path):
+def test_a_recording_opens_alone_among_the_trials_of_its_data_folder(recorded, tmp_path):
     page = recorded
     assert page.results.folder == (tmp_path / "data").resolve() and page.side.title.text() == "Participant 01, trial 2"
     page.driver.until(lambda: len(page.plots[0].points.points()) == 2)
-    assert all(len(ringed(plot)) == 1 for plot in page.plots[:3]) and not page.side.playing
+    assert not page.side.playing
     page.keys()["start"]()
     assert page.side.playing
     page.end()
     assert not page.side.playing  # another page is at the front
-    page.show_page(TRIAL)
     assert page.side.isVisible() and not page.charts.isVisible() and not page.axis.isVisible()
-    page.driver.until(lambda: page.side.width() > 0.95 * page.width())
     page.driver.until(page.side.workspace.isVisible)
     page.to_close()()
     assert page.charts.isVisible() and page.tabs.value() == POOLED and page.axis.isVisible()
+    assert all(len(ringed(plot)) == 1 for plot in page.plots[:3])
 
 
 def exclude(page: AnalysePage, reason: int) -> None:

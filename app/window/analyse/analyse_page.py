@@ -1,4 +1,4 @@
-"""The page Analyse: what was recorded in a data folder, as points and boxes, and any trial of it beside them."""
+"""The page Analyse: what was recorded in a data folder, as points and boxes, and any trial of it alone."""
 
 import pickle
 import shutil
@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QCloseEvent, QResizeEvent
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QGridLayout, QProgressBar, QWidget
 
 from app.ipc import messages as m
@@ -69,9 +69,7 @@ PAGES = {POOLED: "Pooled", PERSON: "Per participant", TRIAL: "One trial"}
 AXES = {POOLED: "by controller", ORDER: "by order of trials", SPEED: "by speed"}  # of `POOLED`
 QUESTION_AXIS = {QUESTIONS: "by question"}  # where a questionnaire was answered
 SHOWN_FIRST = ("done", "timeout")  # of the statuses
-SIDE_SHARE, SIDE_PX = 0.36, (400, 620)  # of the width, and at least and at most: the trial beside the charts
 MOST_CHARTS = 4  # beside each other; three where the protocol has no measures of its own
-ROOM_PX = 1100  # a narrower page shows either the charts or the trial
 CANCELLED = "The export was cancelled, nothing was written."
 NO_ANSWERS = "None of the chosen participants answered a questionnaire."
 
@@ -84,7 +82,8 @@ class AnalysePage(Page):
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.results: Results | None = None
-        self.chosen: TrialRow | None = None  # the trial that is open
+        self.chosen: TrialRow | None = None  # the trial that is open, or was last: ringed in the charts
+        self._charted = POOLED  # of the pages of charts the one that is shown, or was last
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
         self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
@@ -112,10 +111,9 @@ class AnalysePage(Page):
         for place, plot in enumerate((*self.plots, self.force)):
             self.places.addWidget(plot, 0, place)
         self.charts = holder(column((self.places, 1), self.legend))
-        self.stack = stack(self.charts, self.empty)
         self.side = TrialView()
+        self.stack = stack(self.charts, self.empty, self.side)
         self.side.exclude_asked.connect(self.exclude)
-        self.side.closed.connect(self.close_trial)
         self.side.stepped.connect(self.step)
         for plot in self.plots:
             plot.chosen.connect(self.open_trial)
@@ -132,7 +130,6 @@ class AnalysePage(Page):
         self._lay_out()
         self.tabs.show_value(POOLED)
         self.cards = Cards(self)
-        self.side.hide()
         self.folder_button.hide()
         self._show_empty("")
         theme.follow(self._show)
@@ -144,8 +141,7 @@ class AnalysePage(Page):
         foot = row(self.source, self.folder_button, self.message, self.bar, self.cancel_button)
         chips = self.people, self.devices, self.statuses, self.measures
         self.filters = holder(Flow(*chips, self.logarithmic, self.timeouts, gap=14))
-        both = row((self.stack, 1), (self.side, 1))
-        self.setLayout(column(head, self.filters, (both, 1), foot, spacing=8, margins=(0, 0, 0, 6)))
+        self.setLayout(column(head, self.filters, (self.stack, 1), foot, spacing=8, margins=(0, 0, 0, 6)))
 
     @property
     def says_what_is_wrong(self) -> bool:
@@ -175,19 +171,19 @@ class AnalysePage(Page):
 
     def begin(self, what: object = None) -> None:
         """What: a data folder, a study's or a session's; or its recording. Without: the open session's data folder."""
+        path = Path(str(what or ""))
         if what is not None:
-            path = self._asked = Path(str(what))
-            if path.is_file():
-                self._asked = data_folder_of(path.resolve().parent.parent)
-                self._opening.ask(read_playback, path)
-                self._show_side(True)
+            self._asked = data_folder_of(path.resolve().parent.parent) if path.is_file() else path
         self._read(self._asked or self._of_session())
+        if path.is_file():
+            self._opening.ask(read_playback, path)
+            self.tabs.show_value(TRIAL)
 
     def end(self) -> None:
         self.side.end()
 
     def to_close(self) -> Callable[[], object] | None:
-        """What is asked, else the trial beside the charts."""
+        """What is asked, else the trial."""
         return (
             self.cards.to_close() or self.side.cards.to_close() or (self.close_trial if self.side.isVisible() else None)
         )
@@ -211,7 +207,8 @@ class AnalysePage(Page):
 
     def _read(self, folder: Path) -> None:
         if folder != self._folder:
-            self.results = None
+            self.results = self.chosen = None
+            self.tabs.show_value(self._charted)
             self._show_empty(f"Reading {folder} …")
         self._folder = folder
         self._reading.ask(read_results, folder)
@@ -239,7 +236,8 @@ class AnalysePage(Page):
         self.axis.fill(axes, axis if axis in axes else POOLED)
         self._show()
         now = next((row for row in rows if trial_of(row) == trial_of(self.chosen)), None)
-        if self.chosen is not None and now is not None and now.status != self.chosen.status:
+        before = self.chosen if self.tabs.value() == TRIAL else None
+        if before is not None and now is not None and now.status != before.status:
             self.open_trial(now)
 
     # what is shown
@@ -271,14 +269,17 @@ class AnalysePage(Page):
         self.tabs.show_value(page if page in PAGES else POOLED)
         if page != POOLED:  # whose axis stays as it was chosen
             self.axis.show_value(page)
-        if page == TRIAL and not self.side.isVisibleTo(self):
+        if page == TRIAL and self.chosen is None:
             self.step(1)
+        if page != TRIAL:
+            self.side.end()
+            self._charted = self.tabs.value()
         self._show()
 
     @property
     def page(self) -> str:
         """The page of charts that is chosen, as `charts` has it."""
-        return PERSON if self.tabs.value() == PERSON else self.axis.value()
+        return PERSON if self._charted == PERSON else self.axis.value()
 
     def _show(self) -> None:
         """What page, filters and switches say."""
@@ -293,8 +294,9 @@ class AnalysePage(Page):
             self._show_empty("None of the trials is chosen: the filters above leave all of them out.")
         else:
             self._show_charts(results, trials)
+        if self.tabs.value() == TRIAL and self.chosen is not None:
+            self.stack.setCurrentWidget(self.side)
         self._offer()
-        self._make_room()
 
     def _show_charts(self, results: Results, trials: Trials) -> None:
         answers = [answer for answer in results.answers if answer.participant in self.people.chosen]
@@ -324,6 +326,7 @@ class AnalysePage(Page):
         self.legend.setText(f"<div style='line-height: 135%'>{'<br>'.join(filter(None, lines))}</div>")
         for plot, chart in zip(self.plots, shown, strict=False):
             plot.show_chart(chart)
+            plot.show_ring(trial_of(self.chosen))
         seen: list[QWidget] = [*self.plots[: len(shown)], *[self.force][: self.page == POOLED]]
         columns = 2 if len(seen) == 4 else max(len(seen), 1)
         for place, widget in enumerate(seen):
@@ -354,51 +357,30 @@ class AnalysePage(Page):
         self.export_button.setEnabled(page is not self.empty and not busy)
         self.report_button.setEnabled(shown > 0 and not busy and results is not None and bool(results.sessions))
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        self._make_room()
-        super().resizeEvent(event)
-
-    def _make_room(self) -> None:
-        """The trial beside the charts, or in their place where there is no room for both."""
-        narrow = self.width() < ROOM_PX or self.tabs.value() == TRIAL
-        least, most = SIDE_PX
-        width = self.width() if narrow else int(min(max(SIDE_SHARE * self.width(), least), most))
-        self.side.setMinimumWidth(min(width, least))
-        self.side.setMaximumWidth(width)
-        self.stack.setVisible(not (narrow and self.side.isVisibleTo(self)))
-
     # one trial
 
     def open_trial(self, row: TrialRow) -> None:
-        """Beside the charts, and ringed in all of them."""
+        """In place of the charts; it is ringed in all of them."""
         self.chosen = row
         if self.results is not None:
             name = trial_names(as_rows(self.results.trials)).get((row.participant, row.run), "")
             self.side.show_row(row, name, colour_of(row.controller, self.results.controllers))
         if row.recording and self.results is not None:
             self._opening.ask(read_playback, self.results.folder / row.recording)
-        self._show_side(True)
-
-    def _show_side(self, shown: bool) -> None:
-        self.side.setVisible(shown)
-        for plot in self.plots:
-            plot.show_ring(trial_of(self.chosen))
-        self._make_room()
+        self.tabs.show_value(TRIAL)
+        self.stack.setCurrentWidget(self.side)
+        self._offer()
 
     def _show_trial(self, trial: Playback | InputError) -> None:
         self.side.show_trial(trial)
         if isinstance(trial, Playback) and trial.row is not None:
             self.chosen = trial.row
-            self._show_side(True)
+        self.stack.setCurrentWidget(self.side)
+        self._offer()
 
     def close_trial(self) -> None:
-        """Give the whole page to the charts again."""
-        self.chosen = None
-        self.side.end()
-        if self.tabs.value() == TRIAL:
-            self.tabs.show_value(POOLED)
-        self._show_side(False)
-        self._offer()
+        """Back to the charts, in which it is ringed."""
+        self.show_page(self._charted)
 
     def step(self, by: int) -> None:
         """The next trial of those that are shown, or the one before."""

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent, QKeySequence, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout
+from PySide6.QtGui import QKeyEvent, QKeySequence
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
 from app.window.canvas.force_view import LINKAGE, RefreshClock
@@ -36,8 +35,6 @@ FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
-WIDE_PX = 700  # a wider view has the curves beside the workspace, not under it
-LOW_PX = 492  # a lower side of the page, has the curves alone
 AROUND_M = 0.03  # what is seen around the path
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
 COMPARE = "Compare with …"
@@ -62,7 +59,6 @@ def measures_table(recorded: Values, beside: Values | None = None) -> str:
 class TrialView(Panel):
     """One trial at one moment; time goes on while it plays. What was asked for and cannot be read is a sentence."""
 
-    closed = Signal()
     stepped = Signal(int)  # -1, 1: the trial before, the next one
     exclude_asked = Signal()
 
@@ -107,7 +103,6 @@ class TrialView(Panel):
         self.steps = (
             button("‹", lambda: self.stepped.emit(-1), "small", "The trial before"),
             button("›", lambda: self.stepped.emit(1), "small", "The next trial"),
-            button("×", self.closed.emit, "small", "Close"),
         )
         for widget in (self.play_button, self.speed, self.beside, self.exclude, *self.steps):
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -117,28 +112,15 @@ class TrialView(Panel):
         theme.follow(self._show_measures)
 
     def _lay_out(self) -> None:
-        self._middle = column((self.workspace, 3), (self.traces, 4))
+        middle = row((self.workspace, 5), (self.traces, 4))
         self.setLayout(column(
             row(self.dot, self.title, self.exclude, *self.steps), self.about, self.measures,
-            (self._middle, 1), row(self.play_button, self.speed, self.clock, (self.beside, 1)),
+            (middle, 1), row(self.play_button, self.speed, self.clock, (self.beside, 1)),
             self.note, spacing=5, margins=(12, 8, 12, 10),
         ))  # fmt: skip
         for step in self.steps:
             step.setVisible(not self._whole)
         self.exclude.hide()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        self._share_room()
-        super().resizeEvent(event)
-
-    def _share_room(self) -> None:
-        """Workspace and curves beside each other, one above the other, or the curves alone."""
-        wide = self.width() > WIDE_PX
-        roomy = self._whole or wide or self.height() > LOW_PX
-        self.workspace.setVisible(self.trial is not None and roomy)
-        self._middle.setDirection(QBoxLayout.Direction.LeftToRight if wide else QBoxLayout.Direction.TopToBottom)
-        for part, share in enumerate((5, 4) if wide else (3, 8)):
-            self._middle.setStretch(part, share)
 
     # which trial
 
@@ -194,7 +176,7 @@ class TrialView(Panel):
         self.workspace.view.show_obstacles(trial.obstacles)
         if not self._whole:
             self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
-        self._share_room()
+        self.workspace.show()
 
     # which moment
 
