@@ -349,7 +349,7 @@ class AnalysePage(Page):
         busy = self.export_task.busy
         self.filters.setVisible(self.tabs.value() != TRIAL)
         self.tabs.setEnabled(results is not None and len(results.trials) > 0)
-        self.axis.setVisible(self.tabs.value() == POOLED)
+        self.axis.setVisible(self.tabs.value() == POOLED and self.tabs.isEnabled())
         self.logarithmic.setVisible(page is self.charts)
         self.timeouts.setVisible(late > 0 and page is not self.empty and self.page != QUESTIONS)
         for widget in (self.bar, self.cancel_button):
