@@ -363,21 +363,6 @@ class Proof(NamedTuple):
         return self.age_s >= 1.0
 
 
-class Timing(NamedTuple):
-    """The lateness of ticks in the running (or last) trial, and its causes; None: the system does not count it."""
-
-    p50_us: float
-    p99_us: float
-    max_us: float
-    missed: int  # ticks a millisecond or more late
-    scheduling: str  # "real-time: FIFO 50, core 0" | "default, short slice" ..
-    stolen_ms: float | None = None  # time for which the host of a virtual machine kept the loop's core
-    waited_ms: float | None = None  # time for which the loop was ready and another program ran
-    switches: int | None = None  # how often the scheduler took the core from the loop
-    tick_us: float | None = None  # mean time that a tick took
-    tick_max_us: float | None = None  # longest time that a tick took
-
-
 class DeviceStatus(NamedTuple):
     """The state of a real device, about ten times a second while no trial runs."""
 
@@ -411,9 +396,8 @@ class DeviceStatus(NamedTuple):
 
 
 class Pulse(NamedTuple):
-    """About ten times a second, and before every change of the state: proof of recording and timing."""
+    """About ten times a second, and before every change of the state: proof of recording."""
 
     proof: Proof | None  # None: nothing is being recorded
-    timing: Timing | None
     verified: int  # earlier runs of this session whose recording was verified
     device: DeviceStatus | None = None  # a real one, while no trial runs; None: not reported yet

@@ -7,10 +7,11 @@ lose the movement for certain; memory loses it only if this program ends before 
 import threading
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from app.ipc.messages import Proof, Timing
+from app.ipc.messages import Proof
 from app.ipc.ring import Ring
 from app.ipc.scheduling import LostTime, lost_time
 from core import tick_log
@@ -20,6 +21,21 @@ from experiments.store.recording import RecordingWriter
 DRAIN_S = 0.02
 OnTicks = Callable[[np.ndarray], None]
 LIVE = 500  # readings of the ring, 10 s: the percentiles of a running trial are of these
+
+
+class Timing(NamedTuple):
+    """The lateness of ticks in the running (or last) trial, and its causes; None: the system does not count it."""
+
+    p50_us: float
+    p99_us: float
+    max_us: float
+    missed: int  # ticks a millisecond or more late
+    scheduling: str  # "real-time: FIFO 50, core 0" | "default, short slice" ..
+    stolen_ms: float | None = None  # time for which the host of a virtual machine kept the loop's core
+    waited_ms: float | None = None  # time for which the loop was ready and another program ran
+    switches: int | None = None  # how often the scheduler took the core from the loop
+    tick_us: float | None = None  # mean time that a tick took
+    tick_max_us: float | None = None  # longest time that a tick took
 
 
 class Recorder:

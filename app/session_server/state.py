@@ -115,11 +115,11 @@ class ServerState:
         )
 
     def pulse(self) -> m.Pulse:
-        """The proof of recording and timing."""
+        """The proof of recording, and the device."""
         proof = self.runner.run.recorder.proof() if self.runner.run else None
         rows = self.storage.progress.session.rows if self.storage.progress else []
         verified = sum(bool(row.recording) for row in rows)
-        return m.Pulse(proof, self.runner.timing, verified, self.device.status)
+        return m.Pulse(proof, verified, self.device.status)
 
     # ------------------------------------------------------------------------------------- what happens meanwhile
 

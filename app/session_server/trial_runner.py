@@ -3,13 +3,13 @@
 import numpy as np
 
 from app.ipc.jobs import CheckTiming, Compiling, LoopAnswer, LoopJob, Prepared, RunTrial, TimingChecked, TrialReturned
-from app.ipc.messages import WAITING, Check, Timing
+from app.ipc.messages import WAITING, Check
 from app.ipc.ring import BRAKES_OFF, END_TRIAL, HAND_BACK, LET_GO, RING_FULL, SERVER_SILENT, STOPPED, UNTOUCHED, Ring
 from app.ipc.scheduling import Scheduling, leave_core
 from app.session_server.loop_light import LoopLight
 from app.session_server.loop_process import LoopProcess
 from app.session_server.preflight import check_compiling
-from app.session_server.recorder import OnTicks, Recorder, timing_of
+from app.session_server.recorder import OnTicks, Recorder, Timing, timing_of
 from core import tick_log
 from core.faults import Cause, after, cause
 from core.simulator.simulation import Simulation

@@ -91,7 +91,6 @@ def test_proof_of_recording_grows_while_a_trial_runs(window: Window) -> None:
     window.until(lambda s: window.pulse.proof and window.pulse.proof.rows > first.rows)
     assert window.pulse.proof.bytes > first.bytes
     assert 0.0 <= window.pulse.proof.age_s < time.perf_counter() - began
-    assert window.pulse.timing.p99_us >= window.pulse.timing.p50_us >= 0.0
     assert window.pulse.verified == sum(bool(r.recording) for r in window.snapshot.rows)
     window.abort("enough")
 

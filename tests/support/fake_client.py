@@ -127,9 +127,9 @@ def running(over: int = 0, **changes) -> m.Snapshot:
 
 
 def pulse(name: str = "run-001") -> m.Pulse:
-    """Proof and timing in the middle of a trial."""
+    """Proof in the middle of a trial."""
     proof = m.Proof(name, 18_412, 4_200_000, 0.1) if name else None
-    return m.Pulse(proof, m.Timing(14.0, 31.0, 402.0, 0, "real-time: FIFO 50, core 0"), 22)
+    return m.Pulse(proof, 22)
 
 
 def ticks(phase: int, n: int = 16, taken: bool = True, start: float = 0.0, **columns: float) -> np.ndarray:

@@ -62,7 +62,7 @@ class Page(QWidget):
         self.snapshot = snapshot
 
     def show_pulse(self, pulse: m.Pulse) -> None:
-        """Proof of recording, and timing: about ten times a second."""
+        """Proof of recording, about ten times a second."""
 
     def show_ticks(self, rows: np.ndarray, taken: bool) -> None:
         """New ticks (n, tick_log.WIDTH), n > 0, up to 60 times a second; taken: the pointer holds the handle."""
