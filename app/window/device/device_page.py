@@ -90,7 +90,7 @@ class DevicePage(Page):
         left.setMaximumWidth(ROWS_PX)
         seen = panel("The device", (self.view, 1), self.view.caption, spacing=4)
         self.side = stack(seen, self._raw_panel())
-        self.bench = holder(row((left, 5), (self.side, 4), spacing=theme.GAP))
+        self.bench = holder(row((left, 5), (self.side, 4), spacing=theme.GAP, margins=(0, 0, 0, theme.GAP)))
         self.unused = holder(column((self.simulated, 3), (self.no_figures, 1), margins=(40, 40, 40, 0)))
         self.setLayout(column((self.unused, 1), (self.bench, 1)))
 

@@ -22,7 +22,7 @@ FOLLOWS = f"Move the handle: the picture must follow. {MARKS}"
 UNHOMED = "Not homed: drawn with the handle in its jig, the dashed ring. Ring: a brake. Square: an encoder."
 STANDS = "A trial is running: this is the device before it. The Run page shows it now."
 NO_DEVICE = "Nothing is connected."
-JIG_PX, ANGLE_PX, SQUARE_PX = 14.0, 30.0, 17.0  # radius of the jig's ring; from a joint to its angle; half a square
+JIG_PX, ANGLE_PX, SQUARE_PX = 14.0, 26.0, 13.5  # radius of the jig's ring; from a joint to its angle; half a square
 
 
 class DeviceView(SmallView):
