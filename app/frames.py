@@ -140,11 +140,11 @@ def load_recording(file: str | Path) -> pd.DataFrame:
 
 
 def replay(
-    file: str | Path, controller: int | None = None, device: str | None = None, run_own_code: bool = False
+    file: str | Path, controller: int | str | None = None, device: str | None = None, run_own_code: bool = False
 ) -> pd.DataFrame:
     """Each measure of a recorded trial, before and after its hand is simulated again (see `phd replay`).
 
-    file: run-*.parquet of a session. controller: its number in the protocol; device: a shipped name or a file; None:
+    file: run-*.parquet of a session. controller: its name or number; device: a shipped name or a file; None:
     the recorded one. attrs["summary"]: what `phd replay` prints.
     run_own_code: allow, now and later, the controllers and measures that the session's folder holds.
     """

@@ -59,12 +59,12 @@ UNSTEERED = (0.0, 0.0, 0.0)  # in place of a goal
 class CobotFile(Table, frozen=True):
     """The keys of a cobot file."""
 
-    name: Annotated[str, msgspec.Meta(min_length=1)]
-    mass_kg: CobotMass
+    name: Annotated[str, msgspec.Meta(min_length=1)]  # in the summary
+    mass_kg: CobotMass  # of the body
     inertia_kg_m2: CobotInertia
-    hubs_m: Annotated[tuple[Place, ...], msgspec.Meta(min_length=1, max_length=MOST_WHEELS)]
-    steering_rate_max_rad_s: Rate
-    provenance: str = ""  # where the numbers come from (`is_assumed`)
+    hubs_m: Annotated[tuple[Place, ...], msgspec.Meta(min_length=1, max_length=MOST_WHEELS)]  # castors, [x, y] each
+    steering_rate_max_rad_s: Rate  # of a castor's servo
+    provenance: str = ""  # where the numbers come from
 
     def __post_init__(self) -> None:
         if len(set(self.hubs_m)) < len(self.hubs_m):

@@ -53,8 +53,12 @@ JUMP_SAID = 0.01  # of the torque at the knee: a larger jump is said
 class TimeConstant(Table, frozen=True):
     """Eq. (4): a_avg at omega_0 and above, a_1 .. a_6 below."""
 
-    a_avg_s: LagTime
-    a: tuple[float, float, float, float, float, float]
+    a_avg_s: LagTime  # time constant at `omega_0_rpm` and above
+    a: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # a_1 .. a_6; all 0: a_avg
+
+    def __post_init__(self) -> None:
+        if not any(self.a):
+            msgspec.structs.force_setattr(self, "a", (0.0, 0.0, 0.0, 0.0, 0.0, self.a_avg_s))
 
     def slower(self, factor: float) -> "TimeConstant":
         """The same, `factor` times as long."""
@@ -71,18 +75,18 @@ class TimeConstant(Table, frozen=True):
 class BrakeFile(Table, frozen=True, kw_only=True):
     """A brake file. Where no current commands the brake, `command_unit` names the unit: currents are then in that."""
 
-    name: Annotated[str, msgspec.Meta(min_length=1)]
-    current_max_A: Current
-    k: tuple[float, Torque, float, float, float] | None = None  # Eq. (2), as published
-    torque_table: tuple[tuple[TableCurrent, Torque], ...] | None = None  # A, N m; in place of k
-    knee_A: NotNegative = 0.2
-    omega_0_rpm: Positive
-    floor_rpm: Positive
+    name: Annotated[str, msgspec.Meta(min_length=1)]  # in tables and reports
+    current_max_A: Current  # largest current
+    k: tuple[float, Torque, float, float, float] | None = None  # [k_1, .., k_5] of Eq. (2); this or `torque_table`
+    torque_table: tuple[tuple[TableCurrent, Torque], ...] | None = None  # [[A, N m], ..]: 2 to 24 rising points from 0 A
+    knee_A: NotNegative = 0.2  # of Eq. (2)
+    omega_0_rpm: Positive = 8.0  # of Eq. (4)
+    floor_rpm: Positive = 0.125  # speed below which the time constant no longer changes
     rise: TimeConstant
     fall: TimeConstant
-    backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)]
-    provenance: str = ""  # where the numbers come from (`is_assumed`)
-    command_unit: Annotated[str, text_of_form("[!-~ ]{1,12}", "1 to 12 characters of plain text")] = "A"
+    backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] = 0.0  # inside it only the torque without current acts
+    provenance: str = ""  # where the numbers come from
+    command_unit: Annotated[str, text_of_form("[!-~ ]{1,12}", "1 to 12 characters of plain text")] = "A"  # of currents
 
     def __post_init__(self) -> None:
         if (self.k is None) == (self.torque_table is None):
@@ -216,21 +220,21 @@ Counts = Annotated[int, msgspec.Meta(gt=0, le=10**9)]  # of a counter of 32 bits
 class Geometry(Table, frozen=True):
     """Bases, link lengths, and to which side the elbows bulge."""
 
-    base_A_m: Place
+    base_A_m: Place  # base joints, [x, y]
     base_B_m: Place
-    L_AE_m: Length
+    L_AE_m: Length  # links: base to elbow, elbow to tip
     L_ED_m: Length
     L_BC_m: Length
     L_CD_m: Length
-    elbows: Annotated[str, choice(*ELBOWS)]
+    elbows: Annotated[str, choice(*ELBOWS)]  # side to which the elbows bulge: "out", "in", "left" or "right"
 
 
 class Link(Table, frozen=True):
     """One link; a uniform rod where com (from the proximal joint) or inertia (about the com) is left out."""
 
-    mass_kg: BodyMass
-    com_m: Coordinate | None = None
-    inertia_kg_m2: Inertia | None = None
+    mass_kg: BodyMass  # of the link
+    com_m: Coordinate | None = None  # centre of mass, from the proximal joint; none: half of the length
+    inertia_kg_m2: Inertia | None = None  # about the centre of mass; none: of a rod
 
 
 class Mass(Table, frozen=True):
@@ -240,17 +244,17 @@ class Mass(Table, frozen=True):
     ED: Link
     BC: Link
     CD: Link
-    tip_kg: BodyMass
-    joint_E_kg: BodyMass = 0.0
+    tip_kg: BodyMass  # handle and what is fixed to it
+    joint_E_kg: BodyMass = 0.0  # brakes that the elbows carry
     joint_C_kg: BodyMass = 0.0
-    rotor_inertia_kg_m2: Inertia = 0.0
+    rotor_inertia_kg_m2: Inertia = 0.0  # of each brake's rotor
 
 
 class HardStops(Table, frozen=True):
     """The hard stops of the joints."""
 
-    margin: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.3
-    theta_A_rad: Pair | None = None
+    margin: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.3  # least sine of the angle at elbows and tip (hard stop)
+    theta_A_rad: Pair | None = None  # hard stops, [low, high]
     theta_E_rad: Pair | None = None
     theta_B_rad: Pair | None = None
     theta_C_rad: Pair | None = None
@@ -271,6 +275,7 @@ class HardStops(Table, frozen=True):
 class BrakeNames(Table, frozen=True):
     """The brake file of each braked joint."""
 
+    #: the brake at the joint: a shipped name, a path from this file's folder, or a `[[brake]]` of the same protocol
     A: str | None = None
     E: str | None = None
     B: str | None = None
@@ -287,7 +292,7 @@ class Coupling(Table, frozen=True):
     Whole numbers, so that its angle is known without counting turns.
     """
 
-    A: Coefficient = 0.0
+    A: Coefficient = 0.0  # whole numbers a, b: the brake acts on a omega_A + b omega_B, not on an elbow
     B: Coefficient = 0.0
 
     def __post_init__(self) -> None:
@@ -315,7 +320,7 @@ class Couplings(Table, frozen=True):
 class Encoders(Table, frozen=True):
     """Encoder counts per revolution, at two or four joints."""
 
-    A: Counts | None = None
+    A: Counts | None = None  # counts per turn, at two joints or four
     E: Counts | None = None
     B: Counts | None = None
     C: Counts | None = None
@@ -333,10 +338,10 @@ class Encoders(Table, frozen=True):
 class ForceSensor(Table, frozen=True):
     """Which body carries the force sensor, how it is turned, and the mass on the hand's side of it."""
 
-    on: Annotated[str, choice("handle", "ED", "CD")]
-    rotation_rad: Angle = 0.0
-    inertia_beyond_kg: BodyMass = 0.0
-    calibration: str | None = None  # file of a 6 x 6 matrix, relative to the device file
+    on: Annotated[str, choice("handle", "ED", "CD")]  # what carries the force sensor: "handle", "ED" or "CD"
+    rotation_rad: Angle = 0.0  # how the sensor is turned on it
+    inertia_beyond_kg: BodyMass = 0.0  # part of `mass.tip_kg` on the hand's side of the sensor
+    calibration: str | None = None  # file of a 6 x 6 matrix, from this file's folder
 
 
 class Sensing(Table, frozen=True):
@@ -344,20 +349,20 @@ class Sensing(Table, frozen=True):
 
     encoders: Encoders | None = None
     force: ForceSensor | None = None
-    home_m: Place | None = None  # where a jig holds the handle while the encoders are homed
+    home_m: Place | None = None  # where a jig holds the handle for homing; none: the middle of the first path
 
 
 class DeviceFile(Table, frozen=True):
     """The keys of a device file."""
 
-    name: Annotated[str, msgspec.Meta(min_length=1)]
+    name: Annotated[str, msgspec.Meta(min_length=1)]  # in tables, figures and file names
     geometry: Geometry
     mass: Mass
     brakes: BrakeNames
     couplings: Couplings = Couplings()
     limits: HardStops = HardStops()
     sensing: Sensing | None = None
-    provenance: str = ""  # where the numbers come from (`is_assumed`), marked wherever they are shown
+    provenance: str = ""  # where the numbers come from
 
     def __post_init__(self) -> None:
         if not self.name.isprintable() or any(letter in ',;"/\\' for letter in self.name):

@@ -21,7 +21,7 @@ VELOCITY_NOISE_HZ, VELOCITY_WINDOW = 17.0, 15
 class AnyDevice(Protocol):
     """A device that a trial runs on."""
 
-    device: Device  # by its file
+    device: Device  # the device file as read
 
     def begin(self) -> None:
         """Begin a trial: forget samples and counts from before."""
@@ -67,9 +67,9 @@ class RealDevice(AnyDevice, Protocol):
     """A device on the bench. `exchange` belongs to the control loop: it never waits longer than a few ms."""
 
     encoders: str  # letters of the joints that have one, as "AB"; known once it is open
-    force_channels: int  # known once it is open
+    force_channels: int  # number of them; known once it is open
     port: str  # by which it is reached
-    clock: Callable[[], float]  # s, monotonic: the host's, as in `DeviceSample.t_s`
+    clock: Callable[[], float]  # the host's, monotonic, in s: that of `DeviceSample.t_s`
 
     @property
     def problem(self) -> str:
@@ -92,7 +92,7 @@ class RealDevice(AnyDevice, Protocol):
         """Health and clock of the connection, as JSON holds them: for the device page and for each recording."""
 
     def home(self, tip: tuple[float, float]) -> None:
-        """Set the encoders: the handle is held at `tip` (m) now. DeviceError if that could not be done."""
+        """Set the encoders for a handle that is held at `tip` (m) now. DeviceError if that could not be done."""
 
     def zero(self) -> ZeroRecord:
         """Take the readings of force sensor and amplifiers as zero: nobody touches the handle. A second, no current."""

@@ -26,9 +26,9 @@ Corners = Annotated[tuple[Place, ...], msgspec.Meta(min_length=3, max_length=32)
 class ObstacleFile(Table, frozen=True):
     """One obstacle as it stands in a protocol: a disc, a half-plane or a convex polygon."""
 
-    disc_m: tuple[Coordinate, Coordinate, Radius] | None = None  # centre, radius
-    half_plane_m: tuple[Coordinate, Coordinate, float, float] | None = None  # a point of its edge, a vector outwards
-    polygon_m: Corners | None = None  # corners in their order, convex
+    disc_m: tuple[Coordinate, Coordinate, Radius] | None = None  # [x, y, radius]; an obstacle has one of these three
+    half_plane_m: tuple[Coordinate, Coordinate, float, float] | None = None  # point of its edge, direction outwards
+    polygon_m: Corners | None = None  # corners in order, convex
 
     def __post_init__(self) -> None:
         given = [value for value in (self.disc_m, self.half_plane_m, self.polygon_m) if value is not None]

@@ -6,19 +6,32 @@ program declares now.
 
 import argparse
 import inspect
+import json
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import msgspec
 
 import phd
 from app.cli import make_parser
 from core.brake import torque_gain
+from core.cobot import CobotFile
+from core.control.controllers import PARAMETERS
 from core.device import load_device
-from core.files import shipped_names
-from experiments.analysis.metrics import METRICS
+from core.device_file import BrakeFile, DeviceFile
+from core.device_interface import AnyDevice, RealDevice
+from core.files import Table, shipped_names, table_in
+from experiments.analysis.metrics import JUDGED, METRICS
 from experiments.analysis.trials_table import STATUSES
 from experiments.numbers import fixed
+from experiments.protocol_file import ProtocolFile
+from experiments.sensitivity.ranges import RangesFile
+from experiments.simulate.cobot_scene import CobotSceneFile
+from experiments.simulate.scene import SceneFile
+from experiments.study.sweep import SweepFile
 
 DOCS = Path(__file__).resolve().parent
 SHIPPED = (
@@ -31,6 +44,12 @@ SHIPPED = (
 #: Names of `phd` that a line explains.
 IN_A_LINE = ("Device", "InputError", "load_device")
 FIELD = re.compile(r"^    (\w+): [^#\n]+# (.*)$", re.MULTILINE)
+ABOVE = re.compile(r"^    #: (.*)\n    (\w+): ", re.MULTILINE)
+#: Kind of file -> its keys.
+KINDS = {
+    "protocol": ProtocolFile, "device": DeviceFile, "brake": BrakeFile, "cobot": CobotFile, "scene": SceneFile,
+    "cobot_scene": CobotSceneFile, "sweep": SweepFile, "ranges": RangesFile,
+}  # fmt: skip
 PART = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 
 
@@ -46,10 +65,13 @@ def statuses() -> str:
 
 
 def measures() -> str:
-    """The measures of a trial. An arrow says which way is better."""
+    """The measures that reports show; the names of the others. An arrow says which way is better."""
     arrows = {"lower": "↓", "higher": "↑"}
-    rows = [(f"`{one.name}`", one.unit, arrows[one.better], one.meaning) for one in METRICS]
-    return table(("measure", "unit", "better", "what"), rows)
+    shown = [one for one in METRICS if one in JUDGED]
+    rows = [(f"`{one.name}`", one.unit, arrows[one.better], one.meaning) for one in shown]
+    others = ", ".join(f"`{one.name}`" for one in METRICS if one not in shown)
+    found = table(("measure", "unit", "better", "what"), rows)
+    return f"{found}\nAlso (explained in the README that `phd export --csv` writes): {others}.\n"
 
 
 def verbs() -> str:
@@ -93,6 +115,77 @@ def column_of(name: str) -> dict[str, str]:
         "backlash of a brake": f"{brake.backlash_deg:g}°",
         "encoder counts a turn, at A and B": f"{device.file.sensing.encoders.A:,}",
     }
+
+
+def keys(kind: type[Table]) -> str:
+    """The keys of a file, its tables' keys after a dot, with their defaults."""
+    rows = [(", ".join(f"`{name}`" for name in row.names), ", ".join(row.defaults), row.what) for row in rows_of(kind)]
+    return table(("key", "default", "what"), rows)
+
+
+class Row(NamedTuple):
+    """Keys that one sentence explains."""
+
+    names: list[str]
+    defaults: list[str]  # one where all have the same
+    what: str
+
+
+def rows_of(kind: type[Table], above: str = "") -> list[Row]:
+    """The keys of a table, the required ones first; each value of a table inside it, unless that has a comment.
+
+    A key without a comment belongs to the one before. Tables of one kind share their rows.
+    """
+    said, rows, before = comments(kind), [], None
+    built = [name for base in kind.__bases__ if base.__name__.startswith("_") for name in base.__struct_fields__]
+    for field in sorted(msgspec.structs.fields(kind), key=lambda one: (one.name in built, not one.required)):
+        name, inner = f"{above}{field.name}", table_in(field.type)
+        if field.name in said:
+            inner = None
+        if inner and inner is before:
+            more = rows_of(inner, f"{name}.")
+            for row, same in zip(rows[-len(more) :], more, strict=True):
+                row.names.extend(same.names)
+        elif inner:
+            rows += rows_of(inner, f"{name}.")
+        elif field.name in said or not rows:
+            rows.append(Row([name], [default(field)], said[field.name]))
+        else:
+            rows[-1].names.append(name)
+            if [default(field)] != rows[-1].defaults:
+                rows[-1].defaults.append(default(field))
+        before = inner
+    return rows
+
+
+def comments(kind: type[Table]) -> dict[str, str]:
+    """Field -> its comment, behind it or above it with `#:`, of a table and those that it is made of."""
+    found = {name: f"{parameter.word} of a built-in controller" for name, parameter in PARAMETERS.items()}
+    for one in reversed(kind.__mro__):
+        if one.__module__.partition(".")[0] in ("core", "experiments") and not one.__name__.startswith("_"):
+            source = inspect.getsource(one)
+            found |= {name: words for words, name in ABOVE.findall(source)} | dict(FIELD.findall(source))
+    return found
+
+
+def default(field: msgspec.structs.FieldInfo) -> str:
+    """A key's default as a file has it; "" where it is required."""
+    value = field.default if field.default_factory is msgspec.NODEFAULT else field.default_factory()
+    if value is msgspec.NODEFAULT:
+        return ""
+    return "none" if value is None else json.dumps({} if isinstance(value, Table) else value)
+
+
+def driver() -> str:
+    """The members of a driver for a device on the bench, each with its first clause."""
+    said = {name: words for one in (AnyDevice, RealDevice) for name, words in FIELD.findall(inspect.getsource(one))}
+    for one in (AnyDevice, RealDevice):
+        members = {name: value for name, value in vars(one).items() if not name.startswith("_")}
+        for name, value in members.items():
+            said[name if isinstance(value, property) else call_of(name, value)] = inspect.cleandoc(value.__doc__)
+    return table(
+        ("member", "what"), [(f"`{name}`", re.split("[.;:] ", words)[0].rstrip(".")) for name, words in said.items()]
+    )
 
 
 INNER = "\n    "  # of a call that is longer than a line
@@ -140,6 +233,8 @@ PARTS: dict[str, Callable[[], str]] = {
     "assumed": assumed,
     "shipped": shipped,
     "python": python,
+    "driver": driver,
+    **{f"{name}_keys": partial(keys, kind) for name, kind in KINDS.items()},
 }
 
 

@@ -25,17 +25,17 @@ class Assumptions(Table, frozen=True):
     """One set of assumptions. To add one: its line here, and what it changes."""
 
     # the brakes of the simulated device
-    lag_factor: Positive = 1.0  # of both time constants, Eq. (4)
-    drag_factor: NotNegative = 1.0  # of the torque without current, k_2
-    torque_factor: Positive = 1.0  # of the torque that current adds, K - k_2
-    backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] | None = None  # of every brake; None: as in its file
+    lag_factor: Positive = 1.0  # times both time constants
+    drag_factor: NotNegative = 1.0  # times the torque without current, k_2
+    torque_factor: Positive = 1.0  # times the torque that current adds, K - k_2
+    backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] | None = None  # of every brake; none: as in its file
     # what the controller sees of the simulated device
-    sensing: Sensing = IDEAL
-    filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = VELOCITY_WINDOW  # of the velocity from encoders
-    delay_samples: Annotated[int, msgspec.Meta(ge=0, le=63)] = 1  # of what the encoders give
+    sensing: Sensing = IDEAL  # "ideal", or "encoders": the counts of the device file
+    filter_samples: Annotated[int, msgspec.Meta(ge=3, le=63)] = VELOCITY_WINDOW  # n: a velocity is (n - 1) / 2 ms old
+    delay_samples: Annotated[int, msgspec.Meta(ge=0, le=63)] = 1  # ms until the controller has a sample
     # the controllers, on a real device too
-    gap_reading: Annotated[str, choice("half", "full")] = "half"  # what a gap is: half the band's width, or all of it
-    low_gain: LowGain | None = None  # of the proportional controller of least gain; None: as in its file
+    gap_reading: Annotated[str, choice("half", "full")] = "half"  # a gap is "half" or the "full" width of the band
+    low_gain: LowGain | None = None  # of the proportional controller of least gain, or "no vibration"
 
     @property
     def changed(self) -> dict[str, Any]:

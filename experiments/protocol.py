@@ -87,6 +87,14 @@ class Protocol(Settings, frozen=True, kw_only=True):
     language_text: str  # in full
     pictures: dict[str, bytes]  # of the instructions
 
+    def number_of(self, controller: int | str) -> int:
+        """The number of a controller, by name or number. InputError: there is none."""
+        for number, preset in self.controllers.items():
+            if str(controller).casefold() in (str(number), " ".join(preset.name.split()).casefold()):
+                return number
+        known = ", ".join(f'{number} "{" ".join(preset.name.split())}"' for number, preset in self.controllers.items())
+        raise InputError(f"protocol {self.name} has no controller {str(controller)!r}; it has {known}")
+
     @property
     def sentences(self) -> Language:
         return read_language(self.language_text, f"language {self.language}")

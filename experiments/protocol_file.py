@@ -41,27 +41,27 @@ PARAMETER_TYPES = {
 class TrialFile(Table, frozen=True):
     """How a trial goes: approach, hold, move, end. All assumed: the paper prints none of these."""
 
-    hold_s: NotNegative = 0.5  # at the start, before "go"
-    start_radius_m: Radius = 0.003  # within which the start is held
-    end_radius_m: Radius = 0.01  # within which the end is reached
-    time_out_s: Positive = 30.0  # longest move
-    approach_time_out_s: Positive = 30.0  # longest approach of a simulated operator; a person has 10 minutes
-    end_s: NotNegative = 0.3  # recorded after the end, brakes off
+    hold_s: NotNegative = 0.5  # rest at the start, before "go"
+    start_radius_m: Radius = 0.003  # of the circle that holds the handle at the start
+    end_radius_m: Radius = 0.01  # of the circle in which the movement ends
+    time_out_s: Positive = 30.0  # longest movement
+    approach_time_out_s: Positive = 30.0  # longest way to the start, of a simulated operator; a person has 10 minutes
+    end_s: NotNegative = 0.3  # recorded after the end, without current
 
 
 class Release(Table, frozen=True):
     """On a real device: a full lock opens when a hand pushes harder and longer than this (assumed)."""
 
-    on: bool = True
-    force_N: Push = 30.0
-    time_s: Positive = 1.0
+    on: bool = True  # whether a real device frees a trapped hand,
+    force_N: Push = 30.0  # one that pushes a full lock harder than this
+    time_s: Positive = 1.0  # for this long
 
 
 class Cues(Table, frozen=True):
     """Shorter moves than one and longer ones than the other earn the participant a "slower" or a "faster"."""
 
-    too_fast_s: Positive
-    too_slow_s: Positive
+    too_fast_s: Positive  # the participant reads "slower" after a shorter movement
+    too_slow_s: Positive  # and "faster" after a longer one
 
     def __post_init__(self) -> None:
         if not self.too_fast_s < self.too_slow_s:
@@ -71,8 +71,8 @@ class Cues(Table, frozen=True):
 class Breaks(Table, frozen=True):
     """When breaks come within a configuration, and how long they last at least."""
 
-    after_trials: Count
-    least_s: NotNegative
+    after_trials: Count  # a break comes after so many trials on a device
+    least_s: NotNegative  # the shortest break
 
 
 class MouseHand(Table, frozen=True):
@@ -82,10 +82,10 @@ class MouseHand(Table, frozen=True):
     and inside the start's circle; and so much damping that a fast pull hardly carries it beyond.
     """
 
-    stiffness_N_m: Positive = 2000.0
+    stiffness_N_m: Positive = 2000.0  # of the spring from pointer to handle
     damping_N_s_m: NotNegative = 80.0
-    force_max_N: Push = 40.0
-    mass_kg: BodyMass = 0.0  # a pointer has no arm behind it
+    force_max_N: Push = 40.0  # its largest force
+    mass_kg: BodyMass = 0.0  # of an arm behind the pointer
 
     def hand(self) -> Hand:
         k, b = self.stiffness_N_m, self.damping_N_s_m
@@ -95,30 +95,30 @@ class MouseHand(Table, frozen=True):
 class Questionnaire(Table, frozen=True):
     """Whether and when the participant answers a short questionnaire."""
 
-    on: bool = False
-    each: Annotated[str, choice("block", "controller")] = "block"  # of a configuration
+    on: bool = False  # whether participants answer the seven scales
+    each: Annotated[str, choice("block", "controller")] = "block"  # or "controller": after its last trial on a device
 
 
 class Consent(Table, frozen=True):
     """What each participant is asked before anything else: whether they agree to take part."""
 
-    text: Text
-    agree: Text = "I agree to take part"
+    text: Text  # each participant is asked this first
+    agree: Text = "I agree to take part"  # on the button
     decline: Text = "I do not want to take part"
 
 
 class Export(Table, frozen=True):
     """What a BIDS data set says of itself and only the experimenter knows: its dataset_description.json."""
 
-    authors: tuple[Text, ...] = ()
+    authors: tuple[Text, ...] = ()  # for `dataset_description.json` of `phd export --bids`
     license: str = ""  # as "CC0-1.0"
-    hed_version: str = ""  # of the HED schema, where the phases are to be tagged by it
+    hed_version: str = ""  # of the HED schema, if you tag the phases by it
 
 
 class About(Table, frozen=True):
     """What is said of an experiment where one is chosen."""
 
-    sentence: Annotated[str, msgspec.Meta(max_length=80)] = ""
+    sentence: Annotated[str, msgspec.Meta(max_length=80)] = ""  # shown where a protocol is chosen, up to 80 characters
 
     def __post_init__(self) -> None:
         if not self.sentence.isprintable():
@@ -128,8 +128,8 @@ class About(Table, frozen=True):
 class Instruction(Table, frozen=True):
     """A page that the participant reads before the first trial."""
 
-    text: Text
-    picture: str = ""  # PNG or JPEG, a path from the file's folder
+    text: Text  # of a page before the first trial
+    picture: str = ""  # PNG or JPEG up to 10 MB, by its path from this file's folder
 
 
 class InstructionPage(NamedTuple):
@@ -142,36 +142,37 @@ class InstructionPage(NamedTuple):
 class Settings(Table, frozen=True, kw_only=True):
     """The keys of an experiment, as in its file. To add one: its line here."""
 
-    name: Text
+    name: Text  # in tables, figures and file names
     about: About = About()
-    rules: Rules = "settled"
-    seed: Seed = 1
-    blocks: Count = 1  # of each configuration; every controller x path once in each
-    repetitions: Count = 1  # of a cell within a block
-    practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each configuration, not counted
-    participants: tuple[Label, ...] = ()  # none named: any
-    blind: bool = False  # the experimenter sees codes in place of controllers
-    show_linkage: bool = False  # to the participant, as far as it is in the picture of the paths
-    feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # to the participant, after a trial
-    provenance: str = ""  # of the paths, in words; "": what this experiment decides
+    rules: Rules = "settled"  # or "literal": the paper's rules to the letter
+    seed: Seed = 1  # of the order of trials and of simulated operators, with the participant's number
+    blocks: Count = 1  # on each device; every controller once on every path in each
+    repetitions: Count = 1  # of each controller on each path within a block
+    practice_trials: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 0  # before each device; recorded, not counted
+    participants: tuple[Label, ...] = ()  # their labels, as "01"; none: any
+    blind: bool = False  # true: the experimenter sees codes instead of controllers
+    show_linkage: bool = False  # true: the participant sees the device's links
+    feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # what the participant reads after a trial: or "time", "error"
+    provenance: str = ""  # of the paths, if they stand for others' ("assumed" marks them)
+    #: what the simulation assumes: [keys](assumptions-and-equations.md#assumptions)
     assumptions: Assumptions = Assumptions()
     trial: TrialFile = TrialFile()
-    slave: Slave | None = None  # that follows the handle, and whose force `reflect` shows
+    slave: Slave | None = None
     obstacle: tuple[ObstacleFile, ...] = ()
-    guide: bool = True  # near an obstacle the controllers lead round it
-    guard: Guard | None = None  # locks all brakes in front of obstacles
+    guide: bool = True  # near an obstacle, controllers lead round it
+    guard: Guard | None = None
     release: Release = Release()
     cues: Cues | None = None
     breaks: Breaks | None = None
     mouse: MouseHand = MouseHand()
     questionnaire: Questionnaire = Questionnaire()
-    language: Text = ENGLISH  # the participant's: a shipped one, or a translation file by its path
+    language: Text = ENGLISH  # the participant's: "en", "de", or a translation file by its path
     tones: bool = True  # at "go" and at the end of a trial
     instruction: tuple[Instruction, ...] = ()
     export: Export = Export()
-    consent: Consent | None = None  # asked of each participant before the form
-    form: dict[str, tuple[Text, ...] | str] = {}  # asked of each participant: choices, "number" or "text"
-    measure: str = ""  # a Python file beside the protocol's, with measures beside the shipped ones
+    consent: Consent | None = None
+    form: dict[str, tuple[Text, ...] | str] = {}  # questions to each participant: a list of choices, "number" or "text"
+    measure: str = ""  # a Python file with measures of your own
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
@@ -195,11 +196,11 @@ _Parameters: Any = msgspec.defstruct(
 class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
     """A controller in a protocol file: an algorithm, shipped or in a file of its own, and its parameters."""
 
-    name: Text
-    kind: Annotated[str, choice(*ALGORITHMS)] | None = None
-    algorithm: Text | None = None  # in place of kind: a Python file beside the protocol's, or a shipped one
-    parameters: dict[str, NotNegative] = {}  # of that file's algorithm
-    number: Count | None = None  # its place in the list where it is left out
+    name: Text  # in tables and figures
+    kind: Annotated[str, choice(*ALGORITHMS)] | None = None  # "none", "proportional", "sdof" or "reflect"; this or `algorithm`
+    algorithm: Text | None = None  # a Python file beside this one, or a shipped one
+    parameters: dict[str, NotNegative] = {}  # of that file
+    number: Count | None = None  # none: its place in the list
 
     def __post_init__(self) -> None:
         plain_text(self.name, "name")
@@ -221,10 +222,10 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
 class ProtocolFile(Settings, frozen=True, kw_only=True):
     """The keys of a protocol file."""
 
-    devices: Annotated[tuple[Text, ...], _SOME]  # of `device` below, shipped names, or paths from the file's folder
-    device: tuple[dict[str, Any], ...] = ()  # device files that stand in this one
-    brake: tuple[dict[str, Any], ...] = ()  # brake files that stand in this one, for those devices
-    path: Annotated[tuple[dict[str, Any], ...], _SOME]  # each a path of core.path, and its number
+    devices: Annotated[tuple[Text, ...], _SOME]  # shipped names, paths from this file's folder, names of a `[[device]]`
+    device: tuple[dict[str, Any], ...] = ()  # device files inside this one
+    brake: tuple[dict[str, Any], ...] = ()  # brake files inside this one
+    path: Annotated[tuple[dict[str, Any], ...], _SOME]  # of each path: `number`, `kind`, the keys of its kind, `near_m`, `blend_width_m`
     controller: Annotated[tuple[ControllerFile, ...], _SOME]
 
 

@@ -15,7 +15,7 @@ from experiments.atomic_files import reason_of, replace_file, write_new_file
 from experiments.language import shipped_languages
 from experiments.protocol import Protocol, read_protocol
 
-ABOUT = "# A protocol of phd. docs/examples/protocols/every-key.toml says what each key is.\n"
+ABOUT = "# A protocol of phd. docs/files-and-commands.md says what each key is.\n"
 
 
 def protocol_text(content: Mapping[str, Any]) -> str:

@@ -30,14 +30,14 @@ MOST_TURN = 0.5
 class Slave(Table, frozen=True):
     """`[slave]` of a protocol. The wall is a straight line: behind `wall_at_m`, seen along `wall_normal`."""
 
-    wall_at_m: Place
-    wall_normal: Pair  # to the free side; of any length
+    wall_at_m: Place  # a point of the wall that the slave meets
+    wall_normal: Pair  # direction to the wall's free side
     delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_DELAY_S)] = 0.05  # one way
-    force_scale: Positive = 1.0
-    mass_kg: Positive = 1.0
-    stiffness_N_m: Positive = 1000.0  # of the spring that follows the master
+    force_scale: Positive = 1.0  # times the slave's force
+    mass_kg: Positive = 1.0  # of the slave
+    stiffness_N_m: Positive = 1000.0  # of the spring by which the slave follows the handle
     damping_N_s_m: NotNegative = 60.0
-    wall_stiffness_N_m: Positive = 2000.0
+    wall_stiffness_N_m: Positive = 2000.0  # of the wall
     wall_damping_N_s_m: NotNegative = 20.0
 
     def __post_init__(self) -> None:

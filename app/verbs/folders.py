@@ -13,7 +13,6 @@ from app.verbs.common import (
     ask_own_code,
     print_result,
     summary_text,
-    whole_number_of,
     with_progress,
 )
 from core.files import InputError
@@ -37,8 +36,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
         prints="the summary",
     ).add_argument  # fmt: skip
     option("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
-    controller = "through this controller, by its number in the protocol (default: the recorded one)"
-    option("--controller", type=whole_number_of(1), metavar="N", help=controller)
+    controller = "through this controller, by its name or number in the protocol (default: the recorded one)"
+    option("--controller", metavar="CONTROLLER", help=controller)
     option("--device", metavar="NAME|PATH", help="on this device, shipped or a file (default: the recorded one)")
     option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
     option(OPTION, **RUN_OWN_CODE)

@@ -28,9 +28,9 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("dir", type=Path, metavar="DIR", help="a new or empty folder")
     option("--device", default="three-brake", metavar="NAME", help="the shipped device to copy (default: three-brake)")
     option = add_verb(
-        verbs, "check-controller", check_controller_verb, "check that your own controller keeps the laws of all\n"
+        verbs, "check-controller", check_controller_verb, "check a controller of your own: energy, currents, decisions\n"
         "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
-        "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a law is broken.",
+        "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a check failed.",
         "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
     ).add_argument  # fmt: skip
     option("file", type=Path, metavar="FILE.py", help="a file of your own, or a shipped one")
@@ -63,7 +63,7 @@ def check_controller_verb(args: argparse.Namespace) -> int:
     watch_compiling()
     found = check_controller(read_own(args.file.stem, text), given)
     print_result(args, found, summary_text(found))
-    return 1 if found["broken"] else 0
+    return 1 if found["failed"] else 0
 
 
 def _setting(text: str) -> tuple[str, float]:

@@ -63,11 +63,11 @@ AROUND = np.dtype(
 class Guard(Table, frozen=True):
     """`[guard]` of a protocol or scene. All assumed."""
 
-    push_N: Push = 10.0  # the largest push of a hand that it allows for
-    keep_m: SmallLength = 0.0  # it stops the tip so far before the edge
-    release: Annotated[str, choice("pull", "clear")] = "pull"  # also by a pull, or only once the tip can be stopped
-    pull_N: Push = 2.0  # a pull away from the obstacle that releases
-    turns: Annotated[int, msgspec.Meta(ge=0, le=100)] = 1  # of a joint inside its play, for which it leaves room
+    push_N: Push = 10.0  # the largest push of the hand that it allows for
+    keep_m: SmallLength = 0.0  # it stops the tip this far before the edge
+    release: Annotated[str, choice("pull", "clear")] = "pull"  # "pull": a pull away ends the lock, too; or "clear"
+    pull_N: Push = 2.0  # that pull
+    turns: Annotated[int, msgspec.Meta(ge=0, le=100)] = 1  # reversals inside the backlash for which it leaves room
 
 
 class Around(Table, frozen=True):

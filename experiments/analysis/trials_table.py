@@ -40,14 +40,13 @@ if TYPE_CHECKING:  # the windows import the table, not what reads recordings
 #: How a trial ended.
 STATUSES = {
     "done": "the end of the path was reached",
-    "timeout": "the time was up before the end; measures are over the progress made",
-    "aborted": "ended by the experimenter, or (a simulated operator) unfit to go on; counts as not finished, its "
-    "measures do not count",
-    "redone": "run again later, for a reason; kept, does not count",
-    "recovered": "cut off by a crash, rescued; does not count",
-    "skipped": "not run, for a reason",
-    "stopped": "cut short by a fault, by the brakes-off or with the app; does not count, its trial is run again",
-    "excluded": "taken out of every result by the experimenter, for a reason; kept, does not count",
+    "timeout": "the time was up before the end; measures cover the progress made",
+    "aborted": "ended by the experimenter, or a simulated operator could not go on; counts as not finished",
+    "redone": "run again later, for a stated reason; kept, does not count",
+    "recovered": "cut off by a crash and rescued; does not count",
+    "skipped": "not run, for a stated reason",
+    "stopped": "cut short by a fault, by brakes off or with the app; does not count, is run again",
+    "excluded": "taken out of every result by the experimenter, for a stated reason; kept",
 }
 #: Trials that ran until the end of the path or the end of their time: they have measures and are counted.
 COUNTED = ("done", "timeout")

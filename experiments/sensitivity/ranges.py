@@ -85,16 +85,17 @@ class AssumptionRange(Table, frozen=True):
 class RangesFile(Table, frozen=True):
     """A ranges file as it stands."""
 
-    name: Text
-    protocol: Text = "paper"
-    operators: Count = 3
-    rules: AssumptionRange | None = None
-    population: AssumptionRange | None = None
-    assumptions: dict[str, AssumptionRange] = {}
-    operator: dict[str, AssumptionRange] = {}
-    operator_factor: dict[str, AssumptionRange] = {}
-    device: dict[str, AssumptionRange] = {}
-    device_factor: dict[str, AssumptionRange] = {}
+    name: Text  # in the report
+    protocol: Text = "paper"  # a shipped one, or a path from this file's folder
+    operators: Count = 3  # in each sample
+    rules: AssumptionRange | None = None  # rule sets to choose from; none: the protocol's
+    population: AssumptionRange | None = None  # populations to choose from; none: "from-device"
+    assumptions: dict[str, AssumptionRange] = {}  # key of the protocol's assumptions -> range
+    operator: dict[str, AssumptionRange] = {}  # key of a population -> range of the number
+    operator_factor: dict[str, AssumptionRange] = {}  # key of a population -> range of a factor on it
+    device: dict[str, AssumptionRange] = {}  # key of the device files, as "mass.joint_C_kg" -> range
+    device_factor: dict[str, AssumptionRange] = {}  # pattern of such keys, as "geometry.L_*" -> range of a factor
+    #: number of a straight path and "x_m", "y_m" (its middle), "length_m" or "angle_deg", as "1.x_m" -> range
     path: dict[str, AssumptionRange] = {}
 
 

@@ -34,8 +34,8 @@ Pose = tuple[Coordinate, Coordinate, Angle]
 class HandTable(Table, frozen=True):
     """What the hand does at the centre of mass: a file, or a constant."""
 
-    file: str | None = None  # with the header t_s,fx_N,fy_N,torque_N_m; linear in between
-    constant: tuple[Force, Force, Torque] | None = None  # N, N, N m
+    file: str | None = None  # CSV of t_s, fx_N, fy_N, torque_N_m, linear between rows
+    constant: tuple[Force, Force, Torque] | None = None  # in its place: [N, N, N m]
 
     def __post_init__(self) -> None:
         if self.file is not None and self.constant is not None:
@@ -45,9 +45,9 @@ class HandTable(Table, frozen=True):
 class WallTable(Table, frozen=True):
     """A straight wall that a free cobot never passes, as long as the hand pushes no harder than `push_max_N`."""
 
-    at_m: Place
-    normal: tuple[float, float]  # to the free side
-    push_max_N: Push
+    at_m: Place  # a point of a wall
+    normal: tuple[float, float]  # direction to its free side
+    push_max_N: Push  # largest push into the wall
 
     def __post_init__(self) -> None:
         if not math.hypot(*self.normal) > 0.0:
@@ -57,14 +57,13 @@ class WallTable(Table, frozen=True):
 class CobotSceneFile(Table, frozen=True):
     """A scene as it stands in its file."""
 
-    cobot: str  # a shipped one, or the path of a cobot file
-    duration_s: Positive
+    cobot: str  # a shipped cobot, or a path from this file's folder
+    duration_s: Positive  # of the whole scene
     step_s: StepLength
-    output_interval_s: Positive | None = None  # None: step_s
-    initial_pose: Pose = (0.0, 0.0, 0.0)  # m, m, rad: at rest, with the castors along the body's x axis
+    output_interval_s: Positive | None = None  # none: `step_s`
+    initial_pose: Pose = (0.0, 0.0, 0.0)  # m, m, rad: at rest, castors along the body's x axis
     force: HandTable = HandTable()
-    #: A path of core.path along which the controllers' velocity field steers; with `heading_rad` (0), to which the body
-    #: turns within about `within_m` (0.3) of way.
+    #: to steer along, as a path of a protocol, with `heading_rad` (0.0), reached within about `within_m` (0.3)
     path: dict[str, Any] | None = None
     wall: WallTable | None = None
 

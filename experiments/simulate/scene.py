@@ -40,7 +40,7 @@ StepLength = Annotated[float, msgspec.Meta(gt=TIME_WITHIN, le=STEP.most, extra={
 class JointCurrents(Table, frozen=True):
     """One current a joint; joints that are not named are 0."""
 
-    A: NotNegative = 0.0
+    A: NotNegative = 0.0  # constant currents, with "static" and "mr"
     E: NotNegative = 0.0
     B: NotNegative = 0.0
     C: NotNegative = 0.0
@@ -49,7 +49,7 @@ class JointCurrents(Table, frozen=True):
 class JointTorques(Table, frozen=True):
     """One yield torque a joint; joints that are not named are 0."""
 
-    A: Held = 0.0
+    A: Held = 0.0  # constant yield torques, with "ideal"
     E: Held = 0.0
     B: Held = 0.0
     C: Held = 0.0
@@ -60,14 +60,14 @@ class BrakeTable(Table, frozen=True):
 
     torque_N_m: JointTorques | None = None
     current_amperes: JointCurrents | None = None
-    schedule: str | None = None
+    schedule: str | None = None  # CSV in their place: t_s, A, E, B, C; a row holds until the next
 
 
 class ForceTable(Table, frozen=True):
     """What the hand does: a file, or a constant."""
 
-    file: str | None = None
-    constant_N: tuple[Force, Force] | None = None
+    file: str | None = None  # CSV: t_s, fx_N, fy_N, linear between rows
+    constant_N: tuple[Force, Force] | None = None  # in its place
 
     def __post_init__(self) -> None:
         if self.file is not None and self.constant_N is not None:
@@ -77,18 +77,20 @@ class ForceTable(Table, frozen=True):
 class SceneFile(Table, frozen=True):
     """A scene as it stands in its file."""
 
-    device: str
-    duration_s: Positive
+    device: str  # a shipped device, or a path from this file's folder
+    duration_s: Positive  # of the whole scene
     step_s: StepLength
-    initial_tip_m: Place
-    output_interval_s: Positive | None = None
+    initial_tip_m: Place  # [x, y]
+    output_interval_s: Positive | None = None  # from row to row; none: `step_s`
+    #: fourth order; "stepping": first order, robust; "karnopp": Eq. (6), for comparison (it can create energy)
     integrator: Annotated[str, choice("event", "stepping", "karnopp")] = "event"
-    initial_tip_velocity_m_s: tuple[Speed, Speed] = (0.0, 0.0)
+    initial_tip_velocity_m_s: tuple[Speed, Speed] = (0.0, 0.0)  # of the tip
+    #: torques as given; "static": K(I) at once; "mr": with lag and backlash
     fidelity: Annotated[str, choice("ideal", "static", "mr")] = "ideal"
     brakes: BrakeTable = BrakeTable()
     force: ForceTable = ForceTable()
-    obstacle: tuple[ObstacleFile, ...] = ()
-    guard: Guard | None = None  # locks all brakes in front of obstacles, whatever the brake table says
+    obstacle: tuple[ObstacleFile, ...] = ()  # as in a protocol; adds the column `obstacle_m`, negative inside
+    guard: Guard | None = None  # as in a protocol; steps are then at most a millisecond
 
     def __post_init__(self) -> None:
         if self.guard is not None and self.fidelity == "ideal":

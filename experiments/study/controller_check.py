@@ -48,10 +48,10 @@ def check_controller(own: OwnFile, given: Mapping[str, float]) -> dict:
         "file": f"{own.name}.py",
         "sha256": own.digest,
         "trials": len(_trials(protocol)),
-        "laws": [
-            f"{'broken in ' + str(law.broken) if law.broken else 'kept'}: {law.law} ({law.worst})" for law in laws
+        "checks": [
+            f"{'failed in ' + str(law.broken) if law.broken else 'passed'}: {law.law} ({law.worst})" for law in laws
         ],
-        "broken": sum(law.broken > 0 for law in laws),
+        "failed": sum(law.broken > 0 for law in laws),
         "wall_s": wall_s,
         "tick_us": tick_us(protocol, preset),
         "tick_of_sdof_us": tick_us(protocol, sdof),

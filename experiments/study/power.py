@@ -69,18 +69,10 @@ def _people(count: int | None) -> str:
 
 def question_of(protocol: Protocol, between: Sequence[str], measure: str, power: float) -> Question:
     """The question in the words of the protocol: controllers by name or number. InputError for unknown ones."""
-    first, second = (_controller(protocol, name) for name in between)
+    first, second = (protocol.controllers[protocol.number_of(name)] for name in between)
     if first == second:
         raise InputError(f"--between: {between[0]!r} and {between[1]!r} are the same controller")
     return Question(first, second, measure_of(measure, protocol), power)
-
-
-def _controller(protocol: Protocol, name: str) -> Preset:
-    for number, preset in protocol.controllers.items():
-        if name.casefold() in (str(number), " ".join(preset.name.split()).casefold()):
-            return preset
-    known = ", ".join(f'{number} "{" ".join(preset.name.split())}"' for number, preset in protocol.controllers.items())
-    raise InputError(f"--between: protocol {protocol.name} has no controller {name!r}; it has {known}")
 
 
 def measure_of(name: str, protocol: Protocol) -> Metric:

@@ -62,7 +62,7 @@ class Checked(NamedTuple):
 class Replacement(NamedTuple):
     """The controller or device that replaces the recorded one; None: it stays."""
 
-    controller: int | None = None  # its number in the session's protocol
+    controller: int | str | None = None  # its name, or its number in the session's protocol
     device: str | None = None  # a name or a file
 
 
@@ -141,15 +141,13 @@ def replay(
     }
 
 
-def choose_controller(trial: Recorded, controller: int | None) -> int:
-    """The number of a controller in the session's protocol; None: the recorded one. InputError: there is none."""
-    protocol, number = trial.stored.protocol, trial.row.controller if controller is None else controller
-    if isinstance(number, str):
+def choose_controller(trial: Recorded, controller: int | str | None) -> int:
+    """The number of a controller of the session's protocol; None: the recorded one. InputError: there is none."""
+    if controller is not None:
+        return trial.stored.protocol.number_of(controller)
+    if isinstance(trial.row.controller, str):
         raise InputError(f"{trial.recording.path}: its session is blind, say through which controller")
-    if number not in protocol.controllers:
-        known = ", ".join(f"{number} {preset.name}" for number, preset in protocol.controllers.items())
-        raise InputError(f"controller {number}: the {protocol.name} protocol has none of this number ({known})")
-    return number
+    return trial.stored.protocol.number_of(trial.row.controller)
 
 
 def choose_device(trial: Recorded, device: str | None) -> Device:

@@ -57,8 +57,8 @@ class SweptController(_Swept, Table, frozen=True, kw_only=True):
     """One algorithm, shipped or in a file of its own, each parameter with every value that it is to have."""
 
     kind: Annotated[str, choice(*ALGORITHMS)] | None = None
-    algorithm: Text | None = None  # in place of kind: a Python file beside the sweep's, or a shipped one
-    parameters: dict[str, Annotated[tuple[NotNegative, ...], msgspec.Meta(min_length=1)]] = {}  # of that file's
+    algorithm: Text | None = None  # in place of `kind`: a Python file beside this one, or a shipped one
+    parameters: dict[str, Annotated[tuple[NotNegative, ...], msgspec.Meta(min_length=1)]] = {}  # of that file
 
     def __post_init__(self) -> None:
         if (self.kind is None) == (self.algorithm is None):
@@ -101,17 +101,20 @@ class SweptAssumptions(_Assumed, Table, frozen=True, kw_only=True):
 class SweepFile(Table, frozen=True):
     """One sweep as it stands in its file."""
 
-    name: Text
-    controller: tuple[SweptController, ...] = ()  # none: those of the protocol
-    protocol: Text = "paper"
-    operators: Count = 3
+    name: Text  # in tables and figures
+    #: each with `kind` or `algorithm`, and lists of values of its parameters; without any: the protocol's
+    controller: tuple[SweptController, ...] = ()
+    protocol: Text = "paper"  # a shipped one, or a path from this file's folder
+    operators: Count = 3  # of each population
     repetitions: Count = 3
+    #: a number or a list; each draws other operators and other noise
     seed: Seed | Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)] = 1
-    populations: Names = (USUAL,)
-    devices: Names | None = None
+    populations: Names = (USUAL,)  # list of values
+    devices: Names | None = None  # lists of values; none: the protocol's
     rules: Annotated[tuple[Rules, ...], msgspec.Meta(min_length=1)] | None = None
+    #: lists of values of the keys of a protocol's `[assumptions]`, without `low_gain`
     assumptions: SweptAssumptions = SweptAssumptions()
-    device: tuple[dict[str, Any], ...] = ()  # as in a protocol file
+    device: tuple[dict[str, Any], ...] = ()  # files inside this one, as in a protocol
     brake: tuple[dict[str, Any], ...] = ()
 
     @property

@@ -81,8 +81,8 @@ _Spreads: Any = msgspec.defstruct(
 class PopulationFile(_Spreads, Table, frozen=True, kw_only=True):
     """A population file as it stands: a Spread for each field of Person, and its name."""
 
-    name: Annotated[str, msgspec.Meta(min_length=1)]
-    changed_after_findings: tuple[str, ...] = ()  # numbers that were set after findings were seen, a sentence each
+    name: Annotated[str, msgspec.Meta(min_length=1)]  # in reports
+    changed_after_findings: tuple[str, ...] = ()  # what was set after findings were seen, a sentence each
 
     def __post_init__(self) -> None:
         for key, limits in LIMITS.items():

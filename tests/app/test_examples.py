@@ -1,6 +1,5 @@
 """The examples in docs run as they stand, and show what their first line says."""
 
-import re
 import runpy
 import tomllib
 from pathlib import Path
@@ -12,20 +11,15 @@ from exports import rows
 from gymnasium.utils.env_checker import check_env
 
 from app.cli import main
-from core.cobot import CobotFile
 from core.device import load_device
-from core.device_file import BrakeFile, DeviceFile
 from core.files import table_in
 from core.linkage import joint_angles
 from core.simulator.state import pack_mechanism
 from experiments.protocol import load_protocol
 from experiments.protocol_file import ProtocolFile
-from experiments.sensitivity.ranges import AssumptionRange, RangesFile, load_ranges
+from experiments.sensitivity.ranges import load_ranges
 from experiments.sensitivity.run import SensitivityRun
-from experiments.simulate.cobot_scene import CobotSceneFile
-from experiments.simulate.scene import SceneFile
-from experiments.study.sweep import SweepFile, load_sweep
-from experiments.trial.population import PopulationFile, Spread
+from experiments.study.sweep import load_sweep
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 SCENES = EXAMPLES.parents[1] / "experiments" / "scenes"
@@ -117,69 +111,7 @@ def keys_of(kind) -> dict[str, object]:
     return found
 
 
-KINDS = {
-    "Device file": DeviceFile, "Brake file": BrakeFile, "Cobot file": CobotFile, "Scene file": SceneFile,
-    "Cobot scene file": CobotSceneFile, "Sweep file": SweepFile, "Population file": PopulationFile,
-    "Ranges file": RangesFile,
-}  # fmt: skip
-
-
-PAGE = (EXAMPLES.parent / "files-and-commands.md").read_text(encoding="utf-8")
-
-
-def table_of(title: str) -> list[tuple[list[str], str]]:
-    """Of each row of the page's table of a kind of file: its keys, and the cell of their defaults."""
-    section = PAGE.partition(f"### {title}\n")[2].partition("\n### ")[0].partition("\n## ")[0]
-    cells = [line.split(" | ") for line in section.replace("| | ", "|  | ").splitlines() if line.startswith("| `")]
-    return [(re.findall(r"`([\w.]+)`", keys), default.strip()) for keys, default, *_ in cells]
-
-
-@pytest.mark.parametrize("title", KINDS)
-def test_the_page_of_files_has_every_key_of_a_kind_of_file_and_no_other(title):
-    said = [key for keys, _ in table_of(title) for key in keys]
-    declared = keys_of(KINDS[title])
-    ranges = {name for name, one in declared.items() if table_in(one.type) in (Spread, AssumptionRange)}
-    inside = {name for name in declared for outer in ranges if name.startswith(f"{outer}.")}
-    tables = {name for name in declared if any(other.startswith(f"{name}.") for other in declared)} - ranges
-    assert sorted(said) == sorted(declared.keys() - inside - tables)
-    for kind in (Spread, AssumptionRange):
-        if any(table_in(declared[name].type) is kind for name in ranges):
-            section = PAGE.partition(f"### {title}\n")[2]
-            assert all(
-                f"`{one.name}`" in section or f"{one.name} = .." in section for one in msgspec.structs.fields(kind)
-            )
-
-
-@pytest.mark.parametrize("title", KINDS)
-def test_the_page_of_files_has_the_default_of_every_key(title):
-    """A blank cell: the key is required. Words stand for None."""
-    declared, compared = keys_of(KINDS[title]), 0
-    for keys, cell in table_of(title):
-        try:
-            values = [*tomllib.loads(f"x = [{cell}]")["x"]]
-        except tomllib.TOMLDecodeError:
-            values = [cell]  # words
-        if len(values) != len(keys):
-            values = [values[0] if values else ""] * len(keys)
-        for key, value in zip(keys, values, strict=True):
-            default = default_of(declared[key])
-            if default is msgspec.NODEFAULT:
-                assert value == "", (key, "is required")
-            elif default is None or cell == "none" and not default:
-                assert isinstance(value, str) and value, (key, "has words")
-            else:
-                compared += 1
-                assert value == (list(default) if isinstance(default, tuple) else default), key
-    assert compared or title == "Cobot file"
-
-
-def default_of(one) -> object:
-    """The default of a key (of a spread: its value); msgspec.NODEFAULT where it has none."""
-    default = one.default if one.default_factory is msgspec.NODEFAULT else one.default_factory()
-    return default.value if isinstance(default, Spread) else default
-
-
-def test_the_example_with_every_key_of_a_protocol_has_them_all_and_each_default_that_it_names():
+def test_the_example_with_every_key_of_a_protocol_has_them_all():
     text = (EXAMPLES / "protocols/every-key.toml").read_text()
     load_protocol(EXAMPLES / "protocols/every-key.toml")
     content, declared = tomllib.loads(text), keys_of(ProtocolFile)
@@ -187,13 +119,3 @@ def test_the_example_with_every_key_of_a_protocol_has_them_all_and_each_default_
         top, _, key = name.partition(".")
         tables = content[top] if isinstance(content[top], list) else [content[top]]
         assert not key or any(key in table for table in tables), name
-    section, named = "", 0
-    for line in text.splitlines():
-        if header := re.match(r"\[+(\w+)\]", line):
-            section = f"{header[1]}."
-        elif said := re.match(r'(\w+) = .*# ("[^"]*"|[\d.]+|true|false)(?:[;:.,]|$)', line):
-            one = declared.get(section + said[1])
-            if one is not None and one.default is not msgspec.NODEFAULT and section != "controller.":
-                named += 1
-                assert one.default == tomllib.loads(f"x = {said[2]}")["x"], line
-    assert named > 40

@@ -1,5 +1,5 @@
 """An experiment of one's own in twenty minutes: the page's files are written and its commands run as they stand, but
-that `phd power` counts people on a shorter plan."""
+that `phd power` counts people on a shorter plan. The table of results is what the study gives."""
 
 import re
 import shlex
@@ -11,8 +11,10 @@ import pytest
 from simulated_loop import local_window
 
 from app.cli import main, make_parser
+from app.frames import load_trials
 from app.ipc import messages as m
 from app.ipc.messages import Setup
+from experiments.protocol import load_protocol
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/your-own-experiment.md"
 #: a file, named at the beginning of the line above its block, or commands
@@ -48,7 +50,7 @@ def in_short(protocol: Path) -> str:
 def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     said = {}
-    steps = PAGE.read_text(encoding="utf-8").partition("\n## Paths\n")[0]
+    steps, _, rest = PAGE.read_text(encoding="utf-8").partition("\n## People\n")
     for name, language, text in BLOCK.findall(steps):
         if language != "sh":
             assert name, f"a block without the name of its file:\n{text}"
@@ -71,8 +73,15 @@ def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(tmp_path,
             for output in LEFT.get(words[0], ()):
                 assert Path(output).exists(), (line, output)
     assert said.keys() >= {"new", "check-controller", "run", "verify", *LEFT, "python"}
+    medians = load_trials("study-1").query("status == 'done'").groupby(["path", "controller_name"])["path_error_m"]
+    for number, row in enumerate(re.findall(r"^\| (?:star|spiral|letter) \| (.*) \|$", steps, re.MULTILINE), 1):
+        found = 1e3 * medians.median()[number][["Free", "Damper", "Stiff guide"]]
+        assert found.tolist() == pytest.approx([float(cell) for cell in row.split(" | ")], abs=0.02)
+    people, _, tables = BLOCK.search(rest)[3].partition("\n\n")
+    Path("people.toml").write_text(f"{people}\n" + Path("experiment.toml").read_text() + tables, encoding="utf-8")
+    assert load_protocol("people.toml").blind
     assert "24 trials" in said["run"] and "small-five-bar (assumed)" in said["run"]
-    assert "laws: kept" in said["check-controller"] and "broken           0" in said["check-controller"]
+    assert "checks: passed" in said["check-controller"] and "failed           0" in said["check-controller"]
     assert re.search(r"\d+ people \(95 %", said["power"])
     assert all(name in Path("study-1/report/report.md").read_text() for name in ("Soft guide", "Damper"))
     assert "median" in said["python"] and "path_error_m" in said["python"]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_constant, torque_gain
 from core.device import without_backlash
+from core.device_file import parse_brake
 from core.records import new_record
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
@@ -49,6 +50,16 @@ def test_inverse_of_the_gain_gives_back_every_current_is_clipped_and_monotone():
     assert np.all(np.diff(currents) >= 0.0)
     assert np.all(currents[torques <= 0.35] == 0.0) and np.all(currents[torques >= 5.3] == 1.0)
     assert current_for_torque(BRAKES, 3, 2.0) == 0.0
+
+
+def test_a_brake_file_without_the_coefficients_of_eq_4_has_its_average_at_every_speed_and_current():
+    numbers = "current_max_A = 1.0\nk = [1.0, 0.1, 0.0, 1.0, 0.1]\nrise = {a_avg_s = 0.02}\nfall = {a_avg_s = 0.01}"
+    brake = parse_brake(f'name = "b"\n{numbers}', "")
+    for current, speed_log2 in ((0.0, -3.0), (1.0, 3.0)):
+        assert (
+            brake.rise.below_omega_0(current, speed_log2) == 0.02
+            and brake.fall.below_omega_0(current, speed_log2) == 0.01
+        )
 
 
 @pytest.mark.nojit

@@ -122,7 +122,7 @@ def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_
     head, body = DAMPER.replace("from core.k", "import math\n\nfrom core.k", 1).split('speed."""\n')
     own = controller_of("wild", f'{head}speed."""{WILD}{body}')
     found = check_controller(own, {"damping_N_s_m": 0.0})
-    assert not found["broken"] and found["trials"] == 8
+    assert not found["failed"] and found["trials"] == 8
     for which in range(1, 6):
         preset = make_preset("Wild", "wild.py", {"damping_N_s_m": which}, own)
         with pytest.raises(InputError, match="wild.py: the file of the controller failed"):

@@ -107,8 +107,8 @@ def test_what_cannot_be_replayed_is_one_sentence_and_leaves_nothing(data, tmp_pa
         ([str(spoilt)], "is not whole"),
         ([str(cut)], "is not whole"),
         ([str(lonely)], "cannot be read"),
-        ([str(path), "--controller", "9"], "none of this number"),
-        ([str(path), "--controller", "0"], "whole number"),
+        ([str(path), "--controller", "9"], "has no controller '9'"),
+        ([str(path), "--controller", "0"], "has no controller '0'"),
         ([str(path), "--device", "nobody's"], "unknown device"),
         ([str(path), "--device", str(small)], "cannot follow path 1"),
     ):
