@@ -78,7 +78,7 @@ class BrakeFile(Table, frozen=True, kw_only=True):
     name: Annotated[str, msgspec.Meta(min_length=1)]  # in tables and reports
     current_max_A: Current  # largest current
     k: tuple[float, Torque, float, float, float] | None = None  # [k_1, .., k_5] of Eq. (2); this or `torque_table`
-    torque_table: tuple[tuple[TableCurrent, Torque], ...] | None = None  # [[A, N m], ..]: 2 to 24 rising points from 0 A
+    torque_table: tuple[tuple[TableCurrent, Torque], ...] | None = None  # [[A, N m], ..]: 2 to 24 rising points from 0
     knee_A: NotNegative = 0.2  # of Eq. (2)
     omega_0_rpm: Positive = 8.0  # of Eq. (4)
     floor_rpm: Positive = 0.125  # speed below which the time constant no longer changes

@@ -197,7 +197,8 @@ class ControllerFile(_Parameters, Table, frozen=True, kw_only=True):
     """A controller in a protocol file: an algorithm, shipped or in a file of its own, and its parameters."""
 
     name: Text  # in tables and figures
-    kind: Annotated[str, choice(*ALGORITHMS)] | None = None  # "none", "proportional", "sdof" or "reflect"; this or `algorithm`
+    #: "none", "proportional", "sdof" or "reflect"; this or `algorithm`
+    kind: Annotated[str, choice(*ALGORITHMS)] | None = None
     algorithm: Text | None = None  # a Python file beside this one, or a shipped one
     parameters: dict[str, NotNegative] = {}  # of that file
     number: Count | None = None  # none: its place in the list
@@ -225,7 +226,8 @@ class ProtocolFile(Settings, frozen=True, kw_only=True):
     devices: Annotated[tuple[Text, ...], _SOME]  # shipped names, paths from this file's folder, names of a `[[device]]`
     device: tuple[dict[str, Any], ...] = ()  # device files inside this one
     brake: tuple[dict[str, Any], ...] = ()  # brake files inside this one
-    path: Annotated[tuple[dict[str, Any], ...], _SOME]  # of each path: `number`, `kind`, the keys of its kind, `near_m`, `blend_width_m`
+    #: of each path: `number`, `kind`, the keys of its kind, `near_m`, `blend_width_m`
+    path: Annotated[tuple[dict[str, Any], ...], _SOME]
     controller: Annotated[tuple[ControllerFile, ...], _SOME]
 
 

@@ -28,7 +28,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("dir", type=Path, metavar="DIR", help="a new or empty folder")
     option("--device", default="three-brake", metavar="NAME", help="the shipped device to copy (default: three-brake)")
     option = add_verb(
-        verbs, "check-controller", check_controller_verb, "check a controller of your own: energy, currents, decisions\n"
+        verbs, "check-controller", check_controller_verb, "check a controller of your own: energy, currents, numbers\n"
         "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
         "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a check failed.",
         "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
