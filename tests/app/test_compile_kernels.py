@@ -58,8 +58,15 @@ for hand in (HeldHand((path.x0, path.y0)), drawn_operator(path, 1)):
     emulator = Emulator(devices, hand, (path.x0, path.y0), [], EmulatorSettings())
     for name in shipped_devices():
         emulator.rewire(name)
-        for _ in range(1500): emulator._tick()
+        for _ in range(500): emulator._tick()
     emulator.close()
+"""
+#: figures and error bars take longest, and no kernel of their own
+BRIEFLY = f"""
+import sys
+sys.path.insert(1, {str(Path(__file__).parents[1] / "support")!r})
+import conclusions
+from app.cli import main
 """
 STEPPED = """
 import phd
@@ -91,7 +98,7 @@ def test_the_set_up_compiles_all_that_a_study_a_simulation_an_emulated_board_and
     (tmp_path / "short.toml").write_text(short(paths=1).text)
     study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
     scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
-    verbs = f"from app.cli import main\nassert main({study}) == main({scene}) == 0\n"
+    verbs = f"{BRIEFLY}with conclusions.left_out(): assert main({study}) == main({scene}) == 0\n"
     without_window, with_window = watched(SET_UP, "compile_loop()")
     headless, live = watched(verbs + BOARD + STEPPED, LIVE)
     assert len(headless) > 10 and headless - without_window == set() and live - with_window == set()
