@@ -4,6 +4,7 @@ Lengths in m, masses in kg, angles in rad (joint order A, E, B, C). A device tha
 no tip position at which both arms close, or a mass matrix that has no inverse.
 """
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -107,18 +108,18 @@ def inline_devices(
 def build_device(text: str, brake_texts: dict[str, str], where: str, calibration_text: str | None = None) -> Device:
     """A device from its files' texts, as a session stores them; `where` names the device file in refusals."""
     file = parse_toml(text, DeviceFile, where)
-    brakes: dict[str, BrakeFile] = {}
-    for joint in file.braked:
-        reference = getattr(file.brakes, joint)
+    references = {joint: getattr(file.brakes, joint) for joint in file.braked}
+    for joint, reference in references.items():
         if reference not in brake_texts:
             raise InputError(f"{where}: brakes.{joint}: the brake file {reference!r} is missing")
-        brakes[joint] = parse_brake(brake_texts[reference], f"brake file {reference}")
+    read = {name: parse_brake(brake_texts[name], f"brake file {name}") for name in dict.fromkeys(references.values())}
+    brakes = {joint: read[reference] for joint, reference in references.items()}
     units = {brake.command_unit for brake in brakes.values()}
     if len(units) > 1:
         raise InputError(f"{where}: brakes: all must be commanded in one unit, not in {' and '.join(sorted(units))}")
-    mechanism = build_mechanism(file)
-    if reason := why_impossible(mechanism):
+    if reason := _why_impossible(file):
         raise InputError(f"{where}: {reason}")
+    mechanism = build_mechanism(file)
     return Device(
         name=file.name,
         mechanism=mechanism,
@@ -136,6 +137,12 @@ def build_device(text: str, brake_texts: dict[str, str], where: str, calibration
         file=file,
         brake_files=brakes,
     )
+
+
+@functools.lru_cache(maxsize=100)
+def _why_impossible(file: DeviceFile) -> str:
+    """As `why_impossible`, which takes longer than all else; a session's device is read again and again."""
+    return why_impossible(build_mechanism(file))
 
 
 def with_brakes(device: Device, change: Callable[[BrakeFile], BrakeFile]) -> Device:

@@ -5,6 +5,7 @@ A number beyond `least` .. `most` is refused: nothing can come of it but overflo
 holds every planar device that stands on a table, `most` whatever the integrators still carry.
 """
 
+import functools
 import math
 import types
 import typing
@@ -90,13 +91,16 @@ CobotMass = Annotated[float, _within(MASS_OF_A_COBOT)]
 CobotInertia = Annotated[float, _within(INERTIA_OF_A_COBOT)]
 
 
+_fields_of = functools.cache(msgspec.structs.fields)
+
+
 def strange(value: Any, kind: Any, key: str = "") -> Iterator[tuple[str, str]]:
     """The strange numbers of a value: the key of each, and what was probably meant.
 
     kind: the type of the value, as its field declares it; a table has its own. key: of the value, in the file.
     """
     if isinstance(value, msgspec.Struct):
-        for field in msgspec.structs.fields(value):
+        for field in _fields_of(type(value)):
             inner = field.encode_name
             yield from strange(getattr(value, field.name), field.type, f"{key}.{inner}" if key else inner)
         return
