@@ -270,7 +270,7 @@ def _numbered(key: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """A question with the known word that a misspelt one is most like; empty where none is near."""
-    near = difflib.get_close_matches(word, list(known), 1, 0.7)
+    near = difflib.get_close_matches(word, list(known), 1, 0.65)
     return f", did you mean {near[0]}?" if near else ""
 
 

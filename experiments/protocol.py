@@ -235,7 +235,13 @@ def read_protocol(
         words = language_text(file.language, folder)
     except InputError as error:
         raise InputError(f"{where}: language: {error}") from None
-    drawings = {name: read_text(folder / name) for entry in file.path if isinstance(name := entry.get("file"), str)}
+    drawings = {}
+    for place, entry in enumerate(file.path, start=1):
+        if isinstance(name := entry.get("file"), str):
+            try:
+                drawings[name] = read_text(folder / name)
+            except InputError as error:
+                raise InputError(f"{where}: path {entry.get('number', place)}: {error}") from None
     named = {page.picture for page in file.instruction if page.picture}
     pictures = {name: read_picture(folder / name, f"{where}: instruction: picture") for name in named}
     controllers = {controller.algorithm: None for controller in file.controller if controller.algorithm}

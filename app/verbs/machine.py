@@ -38,9 +38,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
         'file), {"wait": true},\n{"go": true}, {"away": true} for the operator, {"fault": "unplug+1"}, '
         '{"clear": true},\n{"device": "three-brake"} to be wired to that one; the answer to each is\n'
         "the true state of board and handle.\n\n"
-        "Faults: KIND[=VALUE][@START][+LENGTH], s: drop=0.01, corrupt=0.01, "
-        "duplicate=0.01 (shares of frames),\ndelay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, brown-out@5+0.3, "
-        "uncounted-start@5+1,\nstuck-encoder=A@5+1, bad-encoder=A@5+1, over-current=A@5+1, saturated-force@5+1.",
+        "Faults: KIND[=VALUE][@START][+LENGTH], s; START counts from when a host first asks for samples: drop=0.01,\n"
+        "corrupt=0.01, duplicate=0.01 (shares of frames), delay=0.02, jitter=0.005 (s), stall@5+0.3, unplug@5+2, "
+        "brown-out@5+0.3, uncounted-start@5+1,\nstuck-encoder=A@5+1, bad-encoder=A@5+1, over-current=A@5+1, "
+        "saturated-force@5+1.",
         "phd emulate --device four-brake --hand operator --fault drop=0.01 --fault unplug@10+2",
     ).add_argument  # fmt: skip
     option(
@@ -113,6 +114,7 @@ def emulate(args: argparse.Namespace) -> None:
         orders = f"orders to UDP port {emulator.control}"
         log(f"device {' or '.join(names)}, hand: {args.hand}; scheduling {scheduling}; {orders}")
         print(emulator.port, flush=True)
+        log(f"in another terminal: phd run --link serial:{emulator.port}")
         emulator.run()
     finally:
         emulator.close()

@@ -51,8 +51,9 @@ class Emulator:
         self._devices = {device.name: device for device in devices}
         self._seed, self._homed, self._tcp = settings
         self._wire(devices[0], hand, tip)
-        self.faults = faults
-        self.to_host, self.to_board = Line(faults, self._seed, 0), Line(faults, self._seed, 1)
+        self.faults = [fault for fault in faults if fault.start_s == 0.0]
+        self._later = [fault for fault in faults if fault.start_s > 0.0]  # until a host asks for samples
+        self.to_host, self.to_board = Line(self.faults, self._seed, 0), Line(self.faults, self._seed, 1)
         self.events: deque[tuple[float, str]] = deque(maxlen=200)  # s, what happened
         self.ticks = 0
         self._log = log
@@ -141,6 +142,9 @@ class Emulator:
     def _tick(self) -> None:
         """Make one tick: begin and end faults, read the sensors, tick the board, move the device."""
         now = self.ticks * TICK_S
+        if self._later and self.board.streaming:
+            self.faults += [fault.after(now) for fault in self._later]
+            self._later.clear()
         self._begin_and_end_faults(now)
         readings = self.device.sense(self.board.currents, self._acting)
         if now >= self._powered_s:
@@ -238,6 +242,7 @@ class Emulator:
             self.faults.append(read_fault(str(orders.pop("fault")), self.now()))
         if orders.pop("clear", False):
             self.faults.clear()
+            self._later.clear()
         if "device" in orders:
             self.rewire(str(orders.pop("device")))
         if orders:

@@ -14,7 +14,8 @@
     over-current=A@5+1   the amplifier at A measures twice what it can give
     saturated-force@5+1  the force sensor is at the end of its range
 
-KIND[=VALUE][@START][+LENGTH], s since the start. Without @: from the start; without +: until the end.
+KIND[=VALUE][@START][+LENGTH], s. START counts from when a host first asks for samples; in an order, from the order.
+Without @: from the start; without +: until the end.
 """
 
 import math
@@ -48,6 +49,10 @@ class LineFault(NamedTuple):
 
     def acts(self, now_s: float) -> bool:
         return self.start_s <= now_s < self.end_s
+
+    def after(self, now_s: float) -> "LineFault":
+        """The same fault, its times counted from `now_s`."""
+        return self._replace(start_s=now_s + self.start_s, end_s=now_s + self.end_s)
 
 
 def read_fault(text: str, now_s: float = 0.0) -> LineFault:

@@ -19,12 +19,16 @@ from core.files import InputError
 from core.path import Segment, build_path
 from core.tick_log import APPROACH, MOVE
 from hardware.discovery import ask_board, scan_ports
+from hardware.emulated_board.device import HeldHand
+from hardware.emulated_board.emulator import Emulator, EmulatorSettings
+from hardware.emulated_board.line_faults import read_fault
 from hardware.emulated_board.plug import emulated_ports
 from hardware.serial_device import SerialDevice
 
 DEVICE = load_device("four-brake")
 NO = (0.0,) * 4
 SOME = (0.3,) * 4
+START = (-0.10, 0.40)
 LATE = "the board got no command for 50 ms"  # what a board rightly says where this machine held its host up
 HELD_UP_S = 0.02  # longest that a host may be away before what the board says overflows
 
@@ -167,3 +171,13 @@ def test_orders_that_make_no_sense_are_refused_and_change_nothing(emulated: Emul
         assert "error" in emulated.order(**order)
     assert "error" in emulated.send("[" * 2000 + "]" * 2000)
     assert emulated.order()["state"] not in ("READY", "ACTIVE")
+
+
+def test_the_start_of_a_fault_counts_from_when_a_host_first_asks_for_samples():
+    emulator = Emulator([DEVICE], HeldHand(START), START, [read_fault("saturated-force@0.01")], EmulatorSettings())
+    with contextlib.closing(emulator):
+        for streaming, ticks, begun in ((False, 30, False), (True, 10, False), (True, 1, True)):
+            emulator.board.streaming = streaming
+            for _ in range(ticks):
+                emulator._tick()
+            assert any("saturated-force begins" in text for _, text in emulator.events) == begun

@@ -51,6 +51,7 @@ COMMANDS = {
     "doctor --json --fast": r"unrecognized arguments: --fast \(see phd doctor --help\)",
     "simulate --out o.csv": "required: SCENE.toml",
     "simulate scene.toml --ou o.csv": "--out",
+    "nwe x": r"did you mean new\?",
     "stdy": r"did you mean study\?",
     "study --opertors 3 --out s": r"did you mean --operators\?",
     "run --theme drk": r"did you mean dark\?",

@@ -170,7 +170,9 @@ def test_a_protocol_takes_a_shipped_language_or_a_file_and_keeps_it_when_the_fil
         load_protocol(tmp_path / "mine.toml")
 
 
-def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> None:
+def test_instructions_keep_their_pictures_and_a_file_that_is_not_there_is_named_with_its_place(
+    tmp_path: Path,
+) -> None:
     picture = b"\x89PNG\r\n\x1a\n and so on"
     (tmp_path / "grip.png").write_bytes(picture)
     pages = '\n[[instruction]]\ntext = "Hold the handle."\npicture = "grip.png"\n[[instruction]]\ntext = "Go on."\n'
@@ -182,6 +184,9 @@ def test_instructions_keep_their_pictures_with_the_session(tmp_path: Path) -> No
         load_protocol(path)
     with pytest.raises(InputError, match="instruction: picture: the path is not valid"):
         load_protocol(with_lines(tmp_path, text=PAPER + pages.replace("grip", "\\u0000")))
+    drawn = '\n[[path]]\nkind = "drawing"\nfile = "sprial.svg"\nwidth_m = 0.1\ncentre_m = [0.0, 0.4]\n'
+    with pytest.raises(InputError, match=r"\.toml: path 3: .*sprial\.svg: cannot be read \(no such file"):
+        load_protocol(with_lines(tmp_path, text=PAPER + drawn))
 
 
 def shipped(name: str) -> dict:
