@@ -152,7 +152,7 @@ def test_a_controller_is_chosen_by_what_it_feels_like_by_pointer_or_by_key_where
 ) -> None:
     feels = [guide.feel.text() for guide in held.page.controls.guides.values()]
     assert feels == [
-        "no control: only the brakes' own drag", "as on rails", "on rails, 5 mm free to each side", "a strong guide",
+        "only the brakes' own drag", "as on rails", "on rails, 5 mm free to each side", "a strong guide",
         "a weak guide",
     ]  # fmt: skip
     QTest.mouseClick(held.page.controls.guides[3], Qt.MouseButton.LeftButton)

@@ -1,6 +1,6 @@
 """A recorded trial: its workspace, its curves with one cursor, its measures, and its hand through another controller.
 
-The side of the page Analyse, or all of `trial_window`.
+A page of Analyse, or all of `trial_window`.
 """
 
 import math
@@ -14,9 +14,8 @@ from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent, QKeySequence
 
 from app.window.analyse.trial_traces import BESIDE, TrialTraces
-from app.window.canvas.force_view import LINKAGE, RefreshClock
-from app.window.canvas.layers import extent_of_paths
-from app.window.canvas.linkage_view import FIELD, REACHABLE, Workspace
+from app.window.canvas.force_view import RefreshClock
+from app.window.canvas.linkage_view import Workspace
 from app.window.widgets import theme
 from app.window.widgets.cards import Cards
 from app.window.widgets.own_code import ask_own_code
@@ -35,7 +34,6 @@ FRAME_MS = 16
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 STEP_S = 0.1  # of an arrow key
 NEAR_S = 0.12  # what brakes do, and the words on the workspace, are taken from the newest ticks
-AROUND_M = 0.03  # what is seen around the path
 MEASURES = (*DRAWN, BY_NAME["duration_s"])
 COMPARE = "Compare with …"
 WHOLE_TIME = "The clock begins with the approach; Duration is the movement."
@@ -63,7 +61,7 @@ class TrialView(Panel):
     exclude_asked = Signal()
 
     def __init__(self, whole: bool = False) -> None:
-        """whole: a window of its own, with the buttons of the workspace and without those of the page."""
+        """whole: a window of its own, without the buttons of the page."""
         super().__init__()
         self.trial: Playback | None = None
         self._values: Values = {}  # the trial's measures
@@ -80,12 +78,8 @@ class TrialView(Panel):
         self.exclude = button(
             "Exclude …", self.exclude_asked.emit, "small", "For a reason; the recording is kept (Alt+X)"
         )
-        self.workspace = Workspace(whole)
+        self.workspace = Workspace()
         self.workspace.hide()  # until there is a trial
-        if not whole:
-            self.workspace.view.setMinimumSize(200, 70)
-            for layer in (FIELD, REACHABLE, LINKAGE):
-                self.workspace.view.show_layer(layer, False)
         self.traces = TrialTraces()
         self.traces.asked.connect(self.go_to)
         self.play_button, self.clock = button("", self.play_or_pause), text_label("")
@@ -174,8 +168,6 @@ class TrialView(Panel):
         self.workspace.view.show_places((trial.device,), {1: trial.way})
         self.workspace.set_blind(trial.blind)
         self.workspace.view.show_obstacles(trial.obstacles)
-        if not self._whole:
-            self.workspace.view.set_extent(extent_of_paths([trial.way], AROUND_M))
         self.workspace.show()
 
     # which moment
@@ -235,7 +227,7 @@ class TrialView(Panel):
         self.tick = at
         self.traces.show_cursor(at)
         now = trial.ticks[at]
-        if self._whole and self._numbers.due(float(now[tick_log.T])):  # a small one has no room for words
+        if self._numbers.due(float(now[tick_log.T])):
             self.workspace.view.refresh_text()
         self.clock.setText(f"{self.played_s:.2f} / {trial.t[-1]:.2f} s")
         word_of = trial.decisions[int(now[tick_log.DECISION])]

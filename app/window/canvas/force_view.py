@@ -209,7 +209,6 @@ class Layered(Panel):
         self.show_button = QPushButton("Show  ▾", self, objectName="small", focusPolicy=NO_FOCUS)
         self.show_button.setMinimumHeight(30)
         self.show_button.setMenu(self.menu)
-        self.show_button.setVisible(bool(layers))
         if not over:
             self.foot.addWidget(self.show_button)
             self.foot.addStretch(1)

@@ -37,24 +37,20 @@ LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 class LinkageView(ForceView):
     """The linkage of a device on its path, the forces, and what is laid over them."""
 
-    def __init__(self, worded: bool = True) -> None:
-        """worded: with the line above, a scale and a legend; a small view has no room."""
-        half_ring = QMarginsF(15.0, 8.0, 15.0, 15.0)
-        words = QMarginsF(EDGE_PX, TOP_PX, EDGE_PX, FOOT_PX)
-        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), words if worded else half_ring, AT_DESK)
+    def __init__(self) -> None:
+        super().__init__(QRectF(-0.2, 0.2, 0.4, 0.3), QMarginsF(EDGE_PX, TOP_PX, EDGE_PX, FOOT_PX), AT_DESK)
         self._assumed = False  # some parameters of the device
-        self._worded_view = worded
         self._path: Path | None = None  # of the trial
         self.shown = {TRAIL, LINKAGE, FORCES}
         self.line = ""
         self.sense = 1.0  # of travel
-        self.under_path = [self._paint_needles, *([self._paint_scale] if worded else []), *self.under_path]
+        self.under_path = [self._paint_needles, self._paint_scale, *self.under_path]
         self.under_handle = self.of_instant(
             self._paint_wedge, self._paint_arms, self._paint_directions, self._paint_joints, self._paint_states,
             self.paint_forces,
         )  # fmt: skip
-        self.over_handle = [*self.of_instant(*([self._paint_legend] if worded else [])), self._paint_line]
-        self.words_kept_clear = worded
+        self.over_handle = [*self.of_instant(self._paint_legend), self._paint_line]
+        self.words_kept_clear = True
         self.fit()
 
     def show_places(self, devices: Sequence[Device], paths: Mapping[int, PathFile]) -> None:
@@ -86,7 +82,7 @@ class LinkageView(ForceView):
 
     @property
     def whole_in_corner(self) -> bool:
-        return self._worded_view and INSET in self.shown
+        return INSET in self.shown
 
     # painting
 
@@ -137,7 +133,7 @@ class LinkageView(ForceView):
     def _paint_states(self, painter: QPainter, now: layers.Instant) -> None:
         """Beside the ring of each brake that acts, in words, what it does, and its torque."""
         rings, labels = self._rings(now), now.device.labels
-        for joint, (state, torque) in self.doing.items() if self._worded_view and not self.blind else ():
+        for joint, (state, torque) in self.doing.items() if not self.blind else ():
             if state != layers.OFF and joint in rings:
                 reach = marks.ring_radius(labels[joint]) + BESIDE_RING_PX
                 text = f"{state} {torque:.1f} N m"
@@ -178,8 +174,6 @@ class LinkageView(ForceView):
     def _rings(self, now: layers.Instant) -> dict[str, QPointF]:
         """Where the rings of the joints are, px, as far as they are seen beside words and corner."""
         rings = marks.rings_of(self._joints(now), now.device.labels)
-        if not self._worded_view:
-            return rings
         room = QMarginsF(*4 * (marks.JOINT_PX,))
         whole, corner = self.field.marginsRemoved(room), QRectF(self.inset.geometry()).marginsAdded(room)
         if self.inset.isHidden():
@@ -206,12 +200,10 @@ class Workspace(Layered):
 
     view: LinkageView
 
-    def __init__(self, whole: bool = True) -> None:
-        """whole: with the line above and the menu, for which a small one has no room."""
-        super().__init__(LinkageView(whole), LAYERS if whole else {})
+    def __init__(self) -> None:
+        super().__init__(LinkageView(), LAYERS)
 
     def set_blind(self, blind: bool) -> None:
         """Hide brake colours, torques, the brakes' force and what they could exert."""
         self.view.set_blind(blind)
-        if REACHABLE in self.layers:
-            self.layers[REACHABLE].setVisible(not blind)
+        self.layers[REACHABLE].setVisible(not blind)

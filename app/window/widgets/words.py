@@ -245,7 +245,7 @@ def feel(preset: Preset, controllers: Mapping[int, Preset]) -> str:
     free = f"{1e3 * gap:g} mm free to each side"
     gains = [preset.value(GAIN) for preset in controllers.values() if preset.kind == "proportional"]
     if preset.kind == "none":
-        return "no control: only the brakes' own drag"
+        return "only the brakes' own drag"
     if preset.kind == "sdof":
         return f"on rails, {free}" if gap else "as on rails"
     if preset.kind == "proportional":
