@@ -95,7 +95,7 @@ HARD = [
     Fault("lid closed 5 s", "", (), (LATE, "the board ended the connection"),
           acts=lambda case: case.bench.pass_time(5000), seen_ms=5200.0),
     Fault("loop killed", "", (), ("The control loop ended unexpectedly",), acts=die),
-    Fault("Esc", "", ("end",), ("brakes off: Esc, participant's window", "Brakes off. Esc"), False,
+    Fault("Esc", "", ("end",), ("Esc, participant's window",), False,
           acts=lambda case: case.ring.switch_off("Esc, participant's window")),
     Fault("uncounted start", "uncounted-start+0.1", (), (SILENT, "the board was powered up again, though")),
 ]  # fmt: skip

@@ -203,7 +203,7 @@ class TryPage(Page):
         if self.opened is not None and self.opened.participant:
             return IN_SESSION
         if snapshot.brakes_off:
-            return Shown("Brakes off", "Press Ctrl+B to allow them")
+            return Shown("Brakes off", "Ctrl+B turns them on")
         if snapshot.sandbox is None:
             return PREPARING._replace(small=snapshot.trial_blocker or PREPARING.small)
         return READY if snapshot.sandbox.by_start else Shown("One moment", snapshot.trial_blocker)
