@@ -58,7 +58,7 @@ class CobotSceneFile(Table, frozen=True):
     """A scene as it stands in its file."""
 
     cobot: str  # a shipped cobot, or a path from this file's folder
-    duration_s: Positive  # of the whole scene
+    duration_s: Positive  # of the scene, and of a step
     step_s: StepLength
     output_interval_s: Positive | None = None  # none: `step_s`
     initial_pose: Pose = (0.0, 0.0, 0.0)  # m, m, rad: at rest, castors along the body's x axis

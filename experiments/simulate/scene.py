@@ -78,7 +78,7 @@ class SceneFile(Table, frozen=True):
     """A scene as it stands in its file."""
 
     device: str  # a shipped device, or a path from this file's folder
-    duration_s: Positive  # of the whole scene
+    duration_s: Positive  # of the scene, and of a step
     step_s: StepLength
     initial_tip_m: Place  # [x, y]
     output_interval_s: Positive | None = None  # from row to row; none: `step_s`

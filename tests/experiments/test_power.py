@@ -68,7 +68,7 @@ def test_the_interval_holds_the_true_number():
 @pytest.mark.usefixtures("rough")
 def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tmp_path):
     protocol = short(paths=1)
-    asked = question_of(protocol, ("none", "4"), "path_error_m", FOUND)
+    asked = question_of(protocol, ("no control", "4"), "path_error_m", FOUND)
     populations = {name: load_population(name) for name in ("average", "steady")}
     done = []
     summary = power(protocol, asked, populations, 6, tmp_path / "out", done.append)
@@ -89,7 +89,7 @@ def test_a_question_that_says_nothing_is_refused_and_nothing_is_half_written(tmp
     with pytest.raises(InputError, match="only 4 finished trials with both, at least 6"):
         power(protocol, asked, {"average": load_population()}, 4, tmp_path / "few")
     assert not (tmp_path / "few").exists(), "nothing half-written"
-    with pytest.raises(InputError, match="has no controller 'soft'; it has 1 \"None\""):
+    with pytest.raises(InputError, match="has no controller 'soft'; it has 1 \"No control\""):
         question_of(protocol, ("soft", "1"), "path_error_m", FOUND)
     with pytest.raises(InputError, match="there is no 'speed'"):
         question_of(protocol, ("1", "2"), "speed", FOUND)
