@@ -29,7 +29,16 @@ from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol, load_protocol, presets_of, read_code
 from experiments.protocol_file import PARAMETER_TYPES, Count, Rules, Text, plain_text
 from experiments.study.jobs import Done, Work, device_texts, local_or_shipped, run_work, table_lines
-from experiments.study.sweep_results import SEED, draw_effects, effects, moves_most, rank_sentences, ranks, read_sweep
+from experiments.study.sweep_results import (
+    SEED,
+    draw_effects,
+    effects,
+    medians,
+    moves_most,
+    rank_sentences,
+    ranks,
+    read_sweep,
+)
 from experiments.study.unrecorded import after_the_last_path, person_of, run_measured, trial_of
 from experiments.trial.population import USUAL, Population, load_population
 
@@ -289,7 +298,7 @@ def run_sweep(
     ranked = ranks(trials, first.varied)
     figures = Path(out) / "figures"
     if not figures.exists():
-        files = {"effects.csv": found, "ranks.csv": ranked}
+        files = {"medians.csv": medians(trials, first.varied, measures), "effects.csv": found, "ranks.csv": ranked}
         results = {figures / name: frame_bytes(frame) for name, frame in files.items() if len(frame)}
         if len(found):
             results[figures / "effects.png"] = draw_effects(found, measures, sweep.name)

@@ -44,6 +44,18 @@ def _scores(trials: pd.DataFrame, by: str, measures: Sequence[Metric]) -> pd.Dat
     return means * [metric.scale for metric in measures]
 
 
+def medians(trials: pd.DataFrame, varied: Sequence[str], measures: Sequence[Metric]) -> pd.DataFrame:
+    """The median of each measure over the trials that reached the end, in its unit, a row a device, path, controller
+    and value of each key that the sweep varies.
+    """
+    keys = [key for key in (*ALWAYS, *varied) if key not in ("kind", SEED) and trials[key].nunique() > 1]
+    keys = list(dict.fromkeys(["configuration", "path", "controller_name", *keys]))
+    cells = trials[trials["status"] == "done"].groupby(keys, sort=False)
+    found = cells[[metric.name for metric in measures]].median()
+    found.insert(0, "trials", cells.size())
+    return found.reset_index()
+
+
 def effects(
     trials: pd.DataFrame, varied: Sequence[str], parameters: Sequence[str], measures: Sequence[Metric]
 ) -> pd.DataFrame:

@@ -197,6 +197,16 @@ def test_a_sweep_without_controllers_takes_those_of_its_protocol_under_each_seed
     assert arena.columns[arena.columns.index("rules") + 1 :][:2] == ("seed", "sensing")
 
 
+def test_the_medians_of_a_sweep_stand_by_device_path_and_controller(whole):
+    rows, found = csv_rows(whole[1] / "sweep.csv"), csv_rows(whole[1] / "figures/medians.csv")
+    place = ("configuration", "path", "controller_name")
+    done = [row for row in rows if row["status"] == "done"]
+    assert sum(int(line["trials"]) for line in found) == len(done)
+    for line in found:
+        errors = [float(row["path_error_m"]) for row in done if all(row[key] == line[key] for key in place)]
+        assert float(line["path_error_m"]) == pytest.approx(np.median(errors)) and int(line["trials"]) == len(errors)
+
+
 def test_controllers_rank_by_the_median_of_people_and_half_of_the_people_rank_them_between_the_ends(whole):
     out = whole[1]
     rows = csv_rows(out / "sweep.csv")
