@@ -4,6 +4,7 @@ A file format is a tree of `Table`s. Every refusal is an `InputError` that names
 """
 
 import contextlib
+import copy
 import difflib
 import io
 import json
@@ -150,7 +151,8 @@ def from_plain(content: Any, kind: Any, where: str) -> Any:
     try:
         found = msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {_sentence(str(error), content, kind).lstrip()}") from None
+        message = _with_key(str(error), content, kind)
+        raise InputError(f"{where}: {_sentence(message, content, kind).lstrip()}") from None
     for key, doubt in strange(found, kind):
         at, name = _place(key)
         warnings.warn(StrangeInput(f"{where}: {at}{name} = {doubt}"), stacklevel=1)
@@ -218,6 +220,23 @@ def _refuse_not_finite(value: Any, key: str, where: str) -> None:
     elif isinstance(value, float) and not math.isfinite(value):
         at, name = _place(key)
         raise InputError(f"{where}: {at}{name}{' ' if key else ''}must be finite, not {value}")
+
+
+def _with_key(message: str, content: Any, kind: Any) -> str:
+    """msgspec's message with the key in place of `[...]`, which is one of a table whose keys are free."""
+    place, free, _ = message.partition(" - at `$")[2].partition("[...]")
+    table = _value(content, place) if free else {}
+    for name, value in [*table.items()]:
+        alone = copy.deepcopy(content)
+        only = _value(alone, place)
+        only.clear()
+        only[name] = value
+        try:
+            msgspec.convert(alone, kind)
+        except msgspec.ValidationError as error:
+            if str(error) == message:
+                return message.replace("[...]", f".{name}", 1)
+    return message
 
 
 def _sentence(message: str, content: dict[str, Any], kind: Any) -> str:

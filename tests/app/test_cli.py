@@ -60,14 +60,6 @@ def test_a_good_scene_beside_them_exits_0(folder, capsys):
     assert (folder / "again.csv").read_bytes() == (folder / "out.csv").read_bytes()
 
 
-@pytest.mark.parametrize("verb", [[], ["run"], ["study"], ["simulate"], ["analyze"]])
-def test_every_verb_explains_itself(capsys, verb):
-    assert main([*verb, "--help"]) == 0
-    said = capsys.readouterr()
-    assert said.err == "" and said.out.startswith("usage: phd")
-    assert "example:\n  phd " + verb[0] in said.out if verb else "simulate" in said.out
-
-
 def fail_with(monkeypatch, error: BaseException) -> None:
     """Make every scene end in this error, once its file is there."""
 

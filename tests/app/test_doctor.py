@@ -17,7 +17,6 @@ from app import doctor
 from app.cli import main
 from app.doctor import UDEV_RULE, Around, hand_checks, port_checks
 from app.ipc.messages import BAD, CAUTION, GOOD, Check
-from app.session_server import preflight
 from core.files import InputError
 from core.kernels.cache import Place, write_file
 from hardware import discovery
@@ -142,23 +141,6 @@ def test_a_machine_that_is_fit_gives_0_and_one_that_is_not_1(nothing, tmp_path: 
     out = capsys.readouterr().out
     assert "NO  scheduling" in out and "Reinstall." in out
     assert list(tmp_path.iterdir()) == [], "it changes nothing"
-
-
-def test_a_folder_that_does_not_exist_is_judged_by_where_it_would_be_and_not_made(tmp_path: Path) -> None:
-    line = doctor.check_disk(tmp_path / "not" / "yet")
-    assert line.state in (GOOD, CAUTION, BAD) and "GB free" in line.text
-    assert not (tmp_path / "not").exists()
-
-
-def test_a_folder_that_cannot_be_written_to_is_bad(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert doctor.check_disk(tmp_path / "file").state == BAD
-
-
-def test_a_full_disk_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(preflight, "TOO_LOW", 10**18)
-    full = doctor.check_disk(tmp_path)
-    assert full.state == BAD and "Make room" in full.advice
 
 
 @pytest.mark.parametrize(

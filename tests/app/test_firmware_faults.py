@@ -12,22 +12,16 @@ import simulated_bench
 from fault_cases import Case, Place
 from fault_kinds import HARD, LATE, SILENT, Fault
 from firmware_board import Pipe, firmware_boards
+from protocols import PAPER, PEOPLE
+from real_bench import Late, RealBench, drawn
 from reference_board import on_a_cortex_m4
 
-from app.emulated_operator import EmulatedOperator
 from core import tick_log
-from core.device import Device
-from core.path import build_path
-from experiments.plan import make_plan
-from experiments.protocol import load_protocol
 from experiments.recording import Sensors
 from experiments.store import files
 from experiments.store.session import Participant, Session
-from experiments.trial.population import load_population
 from experiments.trial.real_trial import RealTrial
-from hardware.emulated_board.board import TICK_US, Board
-from hardware.emulated_board.device import EmulatedDevice, hello_of
-from hardware.serial_device import SerialDevice
+from hardware.emulated_board.board import Board
 
 BOARD_MS, AGAIN_S = 50, 2.0
 NOISE = np.random.default_rng(30).bytes(50_000)
@@ -82,69 +76,23 @@ def test_the_currents_are_zero_in_time_and_as_soon_as_on_the_python_board(fault,
     like.close()
 
 
-class InStep:
-    """The board's end and the wire: each read is one tick of the board, at which the commands of the last arrive."""
-
-    name = "bench"
-
-    def __init__(self, device: Device, operator: EmulatedOperator, tip: tuple[float, float], kind: type[Board]) -> None:
-        self.hand, self._operator = operator.hand, operator
-        self.board = kind(hello_of(device, "SIMULATED"))
-        self.device = EmulatedDevice(device, self.board.hello, self, tip, seed=1)
-        self._sent = b""
-        self.ticks, self.not_taken, self.moves = 0, 0, False  # before the trial, operator and device stand
-        self.read()  # kernels are compiled, or loaded, before a host waits for an answer
-
-    def now(self) -> float:
-        return TICK_US * 1e-6 * self.ticks
-
-    def read(self) -> bytes:
-        self.ticks += 1
-        now_us, sent, self._sent = self.ticks * TICK_US, self._sent, b""
-        out = self.board.receive(sent, now_us)
-        out += self.board.tick(self.device.sense(self.board.currents, ()), now_us)
-        if self.moves:
-            self.device.advance(self.board.currents)
-        return out
-
-    def write(self, data: bytes) -> None:
-        self._sent += data
-
-    def close(self) -> None:
-        pass
-
-    def tick(self, x: float, y: float) -> None:
-        """The hand, which waits for the trial."""
-        if self.moves:
-            self._operator.tick(x, y)
-
-
 def one_trial(folder: Path, board: type[Board]) -> Path:
-    """The first trial of a session over a board of this kind; the session's folder."""
-    protocol, population = load_protocol(), load_population()
-    person = population.draw(np.random.default_rng([protocol.seed, 1]))
-    planned = make_plan(protocol, "1")[0]
-    device, path = protocol.device(planned.configuration), build_path(protocol.paths[planned.path], "path")
-    session = Session(folder, Participant("01", operator=person, population=population.operators), protocol, sync=False)
-    operator = EmulatedOperator(person, path, (path.x0, path.y0), np.random.default_rng((protocol.seed, planned.run)))
-    operator.go_on = lambda x, y: None
-    bench = InStep(device, operator, (path.x0, path.y0), board)
-    link = SerialDevice(device, bench.name, clock=bench.now, open_port=lambda name: bench)
-    link.open()
-    link.home((path.x0, path.y0))
-    trial, writer = session.begin(planned, Sensors(link.encoders, link.force_channels))
-    assert isinstance(trial, RealTrial)
+    """A trial of a session over a board of this kind, with the same noise each time; the session's folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulated_bench, "Board", board)
+        bench = RealBench()
+    person, _ = drawn(3)
+    session = Session(folder, Participant("01", operator=person, population=PEOPLE.operators), PAPER, sync=False)
+    planned = next(one for one in session.plan if (one.configuration, one.path) == (bench.device.name, 1))
+    trial, writer = session.begin(planned, Sensors(bench.link.encoders, bench.link.force_channels))
+    assert isinstance(trial, RealTrial) and isinstance(bench.hand, Late)
     with writer:
-        trial.connect(link)
-        bench.device.sensors.draw_anew(1)  # the same noise however long it took to connect
-        bench.moves = True
-        while not trial.finished and bench.ticks < 120_000:
-            phase = tick_log.PHASES.index(trial.phase)
-            if phase != operator.phase:
-                operator.enter(phase)
-            writer.write(np.array(trial.exchange()).reshape(-1, tick_log.BENCH_WIDTH))
-        session.finish(trial, writer)
-    link.close()
+        trial.connect(bench.link)
+        bench.hand.begun = True
+        while not trial.finished:
+            writer.write(np.array(bench.exchange(trial)).reshape(-1, tick_log.BENCH_WIDTH))
+        assert session.finish(trial, writer).status == "done"
+    bench.link.close()
     session.close()
     return session.folder
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from disks import Disk, full
+from disks import Disk
 from live import Window
 from simulated_loop import LocalWindow, local_window
 
@@ -87,16 +87,6 @@ def test_a_folder_that_goes_in_mid_trial_and_comes_back_costs_no_tick(window, tm
     ]
     assert said.coming.run == run + 1
     assert verify(tmp_path / "data")["faults"] == []
-
-
-def test_a_disk_that_is_well_again_in_mid_trial_is_said_to_be(window, disk):
-    begin(window)
-    disk.refuses = full
-    assert window.until(lambda s: s.not_written).stage == m.RUNNING
-    disk.refuses = None
-    said = window.until(lambda s: not s.not_written)
-    assert said.stage == m.RUNNING and "takes data again" in said.notice and said.in_memory == ""
-    assert window.until(lambda s: s.stage == m.READY).rows[-1].status == "done"
 
 
 def test_a_session_with_ticks_in_memory_alone_is_not_closed_and_what_ends_with_the_program_is_said(window, tmp_path):

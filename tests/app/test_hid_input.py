@@ -6,7 +6,6 @@ from functools import partial
 import pytest
 from hid_bus import Bus
 from protocols import PAPER
-from simulated_loop import LocalClient
 from waiting import wait_until
 
 from app.ipc import messages as m
@@ -14,11 +13,10 @@ from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
 from app.session_server.device_setup import SimulatedSetup, person_at
 from core import tick_log
-from core.files import InputError
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.inputs import HID, INPUTS, OPERATOR
-from hardware.hid import WORD, HidHand, attached, list_hid
+from hardware.hid import WORD, HidHand
 
 
 @pytest.fixture
@@ -73,12 +71,6 @@ def test_closing_leaves_no_force_behind() -> None:
     wait_until(lambda: ring.control.push_count and newest(ring) == (20.0, 0.0))
     setup.close()
     assert newest(ring) == (0.0, 0.0)
-
-
-@pytest.mark.skipif(bool(attached(list_hid())), reason="a six-axis device is attached")
-def test_a_hand_that_is_not_attached_is_one_sentence(tmp_path) -> None:
-    with pytest.raises(InputError, match="no known six-axis device is attached"):
-        LocalClient(m.Setup(tmp_path / "data", hand=HID))
 
 
 def test_only_the_simulated_operator_moves_a_handle_as_one(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:

@@ -6,7 +6,6 @@ or "Eqs. (7)-(11)". docs/assumptions-and-equations.md has one row for each, such
 """
 
 import re
-import tomllib
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -47,14 +46,3 @@ def test_the_page_of_equations_leads_from_each_of_the_papers_to_code_whose_docst
     for file, function in places:
         found = attrgetter(function)(import_module(file.removesuffix(".py").replace("/", ".")))
         assert number in equations_named(found.__doc__ or ""), f"{file} {function} does not name Eq. ({number})"
-
-
-def test_the_citation_names_this_version_and_the_paper_as_the_readme_does() -> None:
-    cited = (ROOT / "CITATION.cff").read_text()
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        project = tomllib.load(file)["project"]
-    title = re.search(r'the paper "([^"]+)"', " ".join((ROOT / "README.md").read_text().split()))[1]
-    assert re.search(r"(?m)^version: (.*)$", cited)[1] == project["version"]
-    assert f"title: {title}\n" in cited
-    assert re.search(r"(?m)^license: (.*)$", cited)[1] == project["license"] == "BSD-3-Clause"
-    assert (ROOT / "LICENSE").read_text().startswith("BSD 3-Clause License")

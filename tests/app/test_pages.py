@@ -52,17 +52,6 @@ def test_the_page_of_assumptions_has_each_with_its_default() -> None:
         assert value is None or said[name].strip('`"') == shown, name
 
 
-def words(page: Path) -> int:
-    """Words of a page, without its marks."""
-    return sum(re.search(r"\w", word) is not None for word in page.read_text("utf-8").split())
-
-
-def test_the_pages_stay_short() -> None:
-    decisions = sorted(ROOT.glob("docs/decisions/*.md"))
-    assert words(ROOT / "README.md") <= 900 and words(ROOT / "CONTRIBUTING.md") <= 700
-    assert len(decisions) <= 10 and all(words(page) <= 350 for page in decisions)
-
-
 def test_every_file_of_docs_that_the_source_names_exists() -> None:
     missing = {
         f"{file.relative_to(ROOT)}: {name}"

@@ -19,7 +19,6 @@ from experiments.study.study import run_study
 
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name == "nt", reason="of POSIX")
-LONG = 70_000
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
 
 
@@ -58,12 +57,6 @@ def test_with_a_closed_stdout_nothing_that_is_printed_gets_into_a_file_that_is_w
     assert done.returncode == 0, done.stderr
     assert main(["simulate", "scene.toml", "--out", "open.csv"]) == 0
     assert (tmp_path / "open.csv").read_bytes() == (tmp_path / "closed.csv").read_bytes()
-
-
-# ---------------------------------------------------------------------------------------------------------- interrupted
-
-
-# ------------------------------------------------------------------------------------------------------------- progress
 
 
 # ------------------------------------------------------------------------------------------------------------ too large
@@ -116,24 +109,6 @@ def test_what_is_no_picture_is_refused_in_one_sentence_without_reading_it(tmp_pa
         sparse.truncate(10**12)
     said = refusal(capsys, "run", with_picture(tmp_path, what), "--print-plan")
     assert "mine.toml: instruction: picture: " in said and why.lower() in said.lower()
-
-
-# -------------------------------------------------------------------------------------------- a tree of somebody else's
-
-
-#: Root without its privileges may write no more than anybody else.
-AS_ANYBODY = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
-
-
-# ------------------------------------------------------------------------------------------------ of others, or no text
-
-
-def as_anybody(*arguments: str) -> subprocess.CompletedProcess:
-    """The command without root's privileges."""
-    if os.geteuid() == 0 and shutil.which("setpriv") is None:
-        pytest.skip("root may do everything")
-    command = [*(AS_ANYBODY if os.geteuid() == 0 else ()), sys.executable, "-m", "app.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
 
 
 def test_what_a_page_may_not_read_reaches_the_page_as_a_sentence(qtbot):

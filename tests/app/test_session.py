@@ -6,7 +6,6 @@ import pytest
 from protocols import protocol_of, short
 from sessions import Killed, kill, killing, move_to_the_end, new_session, of, run, run_trials, unfinished
 
-from app.cli import main
 from core.files import InputError
 from experiments.store import files
 from experiments.store.cells import cell
@@ -106,18 +105,6 @@ def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_record
     assert verify(tmp_path)["faults"] == []
 
 
-def test_when_all_is_settled_nothing_can_be_skipped(tmp_path):
-    session = new_session(tmp_path, protocol=short(paths=1))
-    while session.next_planned():
-        session.skip("no time")
-    assert session.finished_count == len(session.plan)
-    with pytest.raises(InputError, match="none to skip"):
-        session.skip("more")
-    session.close()
-    assert unfinished(tmp_path) == ()
-    assert main(["verify", str(tmp_path)]) == 0
-
-
 def test_a_resumed_session_knows_what_was_skipped_redone_and_noted(data):
     before = rows_of(of(data))
     assert unfinished(data) == ("01",)
@@ -183,16 +170,6 @@ def test_a_practice_trial_that_a_crash_cut_off_is_recovered_and_practised_again(
     assert (planned.block, planned.run) == (0, 2) and session.rows == []
     session.close()
     assert verify(tmp_path)["faults"] == []
-
-
-def test_an_aborted_practice_trial_is_practised_again(tmp_path):
-    session = practising(tmp_path)
-    trial, writer = session.begin(session.next_planned())
-    trial.abort("wrong chair")
-    run(trial, writer)
-    assert session.finish(trial, writer).status == "aborted"
-    assert session.next_planned().block == 0 and session.next_planned().repetition == 1
-    session.close()
 
 
 def test_a_simulated_operator_does_not_practise(tmp_path):

@@ -13,7 +13,6 @@ from synthetic_hand import SyntheticHand
 from app.ipc import messages as m
 from app.ipc.messages import Setup
 from core import tick_log
-from experiments.analysis.trials_table import FINISHED
 from experiments.store.cells import cell
 from experiments.store.session import Participant, Session
 from tests.support.rows import read_rows
@@ -37,19 +36,6 @@ def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     assert snapshot.coming.run == run + 1
     table = read_rows(Path(window.opened.folder) / "trials.csv")
     assert [(r.run, r.status) for r in table] == [(r.run, r.status) for r in snapshot.rows]
-
-
-@pytest.mark.parametrize("again", ["now", "end"])
-def test_an_aborted_trial_comes_again_when_that_is_asked_for(window: Window, again: str) -> None:
-    planned = window.start().running
-    window.client.send(m.Abort("a knock on the door", again))
-    snapshot = window.until(lambda s: s.stage == m.READY)
-    row = next(row for row in snapshot.rows if row.run == planned.run)
-    assert row.status == "redone" and (cell(snapshot.coming) == cell(planned)) == (again == "now")
-    if again == "end":
-        here = [trial for trial in window.opened.plan if trial.configuration == planned.configuration]
-        settled = {cell(one) for one in snapshot.rows if one.status in FINISHED}
-        assert cell(planned) not in settled and cell(snapshot.coming) in map(cell, here)
 
 
 def test_a_run_that_is_in_no_result_cannot_be_excluded_from_them(window: Window) -> None:

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from simulated_loop import local_window
 
 from app.cli import main, make_parser
@@ -85,8 +84,3 @@ def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(tmp_path,
     assert re.search(r"\d+ people \(95 %", said["power"])
     assert all(name in Path("study-1/report/report.md").read_text() for name in ("Soft guide", "Damper"))
     assert "median" in said["python"] and "path_error_m" in said["python"]
-
-
-@pytest.mark.parametrize("where", ["README.md", "app/verbs/new_experiment/README.md"])
-def test_who_begins_finds_the_page(where):
-    assert "docs/your-own-experiment.md" in (PAGE.parents[1] / where).read_text(encoding="utf-8")

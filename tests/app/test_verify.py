@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from damage import edited, found, make_whole
 from disks import flip_a_bit
-from refusals import refusal
 from sessions import files, new_session, run
 
 from app.cli import main
@@ -53,14 +52,6 @@ def test_a_folder_that_was_hardly_begun_has_no_fault_and_is_said_to_be_empty(tmp
     assert main(["verify", str(tmp_path)]) == 0
     session = new_session(tmp_path)  # and it can be begun again
     session.close()
-
-
-def test_a_folder_of_other_files_or_none_at_all_is_wrong_input(tmp_path, capsys):
-    (tmp_path / "photos").mkdir()
-    (tmp_path / "photos" / "a.png").touch()
-    for folder in (tmp_path / "photos", tmp_path / "none", tmp_path / "photos" / "a.png"):
-        refusal(capsys, "verify", folder)
-    assert files(tmp_path) == {"photos/a.png": b""}
 
 
 SESSION, TABLE = "sub-01/ses-01", "sub-01/ses-01/trials.csv"

@@ -60,8 +60,6 @@ BAD_COUPLINGS = {
     "no brake": ("C = {A = 1.0, B = 1.0}", '(?m)^C = "mrb.*\n', "couplings.C: there is no brake C in brakes"),
     "fraction": ("E = {A = 0.5, B = 1.0}", "", r"couplings.E: .*whole numbers A and B, not both 0, not 0.5 and 1"),
     "nothing": ("E = {}", "", r"couplings.E: .*not both 0, not 0 and 0"),
-    "base": ("A = {A = 1.0, B = 1.0}", "", "unknown key couplings.A"),
-    "elbow": ("E = {A = 1.0, C = 1.0}", "", "unknown key couplings.E.C"),
     "gears": ("E = {A = 40.0}", "", "couplings.E.A must be at most 12"),
 }
 
@@ -172,7 +170,6 @@ def test_the_tip_is_free_exactly_where_no_hard_stop_is_passed(x, y, name):
 
 
 BAD_DEVICES = {
-    "negative length": ("L_AE_m = 0.2794", "L_AE_m = -0.2", r"geometry\.L_AE_m must be at least 0\.001, not -0\.2"),
     "arms too short": (r"0\.0762", "2.0", r"bases are 4 m apart, more than the arms reach.*L_AE_m"),
     "margin too wide": ("margin = 0.3 ", "margin = 0.9999 ", "no tip position.*margin of 0.9999"),
     "margin of one": ("margin = 0.3 ", "margin = 1.0 ", r"limits\.margin must be less than 1"),
@@ -180,26 +177,15 @@ BAD_DEVICES = {
         "margin = 0.3 ", "margin = 0.3\ntheta_E_rad = [0.1, 0.2]\n", "no tip position.*theta_E_rad"
     ),
     "stops reversed": ("margin = 0.3 ", "margin = 0.3\ntheta_E_rad = [1, -1]\n", "theta_E_rad must be .low, high"),
-    "negative mass": (
-        r"AE = \{mass_kg = 0.30", "AE = {mass_kg = -0.30", r"mass\.AE\.mass_kg must be at least 0"
-    ),
-    "negative rotor": ("1e-4", "-1e-4", r"mass\.rotor_inertia_kg_m2 must be at least 0"),
     "link without mass": ("AE = " + LINK[2:], "AE = {}", r"required key mass\.AE\.mass_kg is missing"),
     "no brake": (r'(?m)^[AEBC] = "mrb.*$', "", "at least one of the joints"),
-    "brake at the tip": ('C = "mrb', 'D = "mrb', r"unknown key brakes\.D"),
-    "unknown key": ("L_AE_m", "L_AF_m = 1\nL_AE_m", r"unknown key geometry\.L_AF_m"),
-    "text for a number": ("tip_kg = 0.5", 'tip_kg = "half"', r"mass\.tip_kg must be a number, not text"),
-    "not finite": ("tip_kg = 0.5", "tip_kg = nan", r"mass\.tip_kg must be finite"),
     "three coordinates": (r"\[-0.0762, 0.0\]", "[0, 0, 0]", r"base_A_m must hold 2 values, not 3"),
     "elbows": ('"out"', '"up"', "elbows must be one of out, in, left, right, not 'up'"),
     "one encoder": ("A = 96000, B = 96000", "A = 96000", "two or four"),
     "encoder counts": ("A = 96000,", "A = 0.5,", r"sensing\.encoders\.A must be a whole number"),
-    "a centre of mass far off": (r"com_m = \S+,", "com_m = -1e300,", r"mass\.AE\.com_m must be at least -1000"),
-    "more counts than a counter has": ("A = 96000,", "A = 2000000000,", r"encoders\.A must be at most 1e\+09"),
     "sensor body": ('"handle"', '"table"', "on must be one of"),
     "sensor mass": ("beyond_kg = 0.1", "beyond_kg = 0.6", r"part of mass\.tip_kg"),
     "name for a folder": ('name = "four-brake"', 'name = "a/b"', "name must be plain text"),
-    "no TOML": ("tip_kg = 0.5", "tip_kg = = 0.5", "not valid TOML"),
 }  # fmt: skip
 BAD_IN_SEVERAL_LINES = {
     "arm cannot fold": (
@@ -263,11 +249,7 @@ BAD_BRAKES = {
     "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
     "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be at least 1e-06"),
     "floor above omega_0": (r"floor_rpm = 0\.125", "floor_rpm = 9", "must not exceed omega_0_rpm"),
-    "no current": ("current_max_A = 1.0", "current_max_A = 0.0", "current_max_A must be at least 1e-06"),
-    "five coefficients": (r"0\.066\]", "0.066, 1]", r"rise\.a must hold 6 values, not 7"),
     "no unit": ("knee_A", 'command_unit = ""\nknee_A', "command_unit must be 1 to 12 characters of plain text"),
-    "unknown key": ("knee_A", "knee_mA = 1\nknee_A", "unknown key knee_mA"),
-    "backlash": ("backlash_deg = 0.75", "backlash_deg = -1", "backlash_deg must be at least 0"),
 }
 
 

@@ -247,7 +247,6 @@ def test_of_several_obstacles_the_nearest_counts_and_none_is_infinitely_far() ->
         ({"polygon_m": [[0, 0], [1, 1], [0, 1], [1, 0]]}, "must be convex"),
         ({"polygon_m": [[0, 0], [1, 0], [2, 0], [0, 1]]}, "must be convex"),
         ({"polygon_m": [[0, 0], [0, 0], [1, 0], [0, 1]]}, "two corners on end are the same"),
-        ({"ring_m": [0, 0]}, "unknown key"),
     ],
 )
 def test_an_obstacle_that_cannot_be_is_refused_in_a_sentence(content: dict, sentence: str) -> None:

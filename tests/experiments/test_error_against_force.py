@@ -6,7 +6,7 @@ import math
 import pytest
 from test_boxplots import BOTH, LABELS, study, view_of
 
-from experiments.analysis.error_against_force import diameter, halvings, joined, marks_of, shown_sizes
+from experiments.analysis.error_against_force import joined, marks_of
 from experiments.analysis.trials_table import as_table
 from tests.support.rows import with_measures
 
@@ -30,10 +30,3 @@ def test_a_controller_without_an_error_above_zero_or_without_a_measure_has_no_ma
     changed = {1: {"path_error_m": 0.0}, 2: {"mean_tip_force_N": None}, 3: {"acceleration_dft_sum": None}}
     marks = marks_of(as_table(with_measures(row, **changed[row.controller]) for row in rows), view_of(LABELS))
     assert {mark.controller for mark in marks} == {3} and all(math.isnan(mark.smoothness) for mark in marks)
-
-
-def test_areas_are_proportional_to_smoothness_and_lines_halve_the_error():
-    assert diameter(20.0, 80.0) == pytest.approx(0.5) and diameter(80.0, 80.0) == 1.0
-    assert 0.0 < diameter(math.nan, 80.0) == diameter(0.0, 0.0) < 0.2
-    assert halvings(0.2, 9.0) == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0] and shown_sizes(83.0) == [2.0, 20.0, 50.0]
-    assert shown_sizes(0.0) == []

@@ -289,16 +289,6 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
     assert "is not empty" in refusal(capsys, "export", str(study), "--csv", "/") and inside.samefile(".")
 
 
-def test_an_empty_folder_is_taken_and_what_a_kill_left_beside_it_is_cleared(study, tmp_path, capsys):
-    out = tmp_path / "out"
-    out.mkdir()
-    (tmp_path / ".out.partial").mkdir()
-    (tmp_path / ".out.partial" / "old").write_text("old")
-    assert main(["export", str(study), "--csv", str(out)]) == 0
-    assert "trials" in capsys.readouterr().out
-    assert [path.name for path in tmp_path.iterdir()] == ["out"] and "old" not in files(out)
-
-
 def on_the_bench(session: Session, board: str) -> None:
     """One trial on a device on the bench that never got to its movement."""
     trial, writer = session.begin(session.next_planned(), Sensors("AB", 6))

@@ -19,7 +19,7 @@ from core.files import InputError
 from experiments.identify.identification import ByHand, identify_steps
 from experiments.identify.identify import brake_text, summary_of_fit
 from experiments.identify.linear import fit_linear
-from experiments.identify.step_response import Step, mean_step, read_steps, steady_torque, time_constant_of_step
+from experiments.identify.step_response import Step, mean_step, read_steps, time_constant_of_step
 
 BRAKE = parse_brake((SHIPPED_FOLDER / "mrb-2107-3.toml").read_text(), "brake")
 QUIET = BENCH._replace(noise_N_m=0.0, ripple_N_m=0.0)
@@ -120,12 +120,6 @@ def test_numbers_in_another_unit_give_a_warning_that_names_it_and_the_file_says_
     text = brake_text(found, "mine")
     assert f"# Warning: {warning}" in text
     assert parse_brake(text, "brake").provenance.endswith(f"; doubtful units: {column}")
-
-
-def test_currents_in_mA_are_no_brake_that_can_exist_and_the_refusal_names_the_unit(quiet):
-    found = identify_steps(in_other_units(quiet, current=1e3), "steps.csv")
-    with pytest.raises(InputError, match=r"current_to_A: .* likely unit: mA \(1000 mA = 1 A\)"):
-        brake_text(found, "mine")
 
 
 @pytest.mark.parametrize("top", [4.0, 8.0, 16.0])
@@ -382,12 +376,3 @@ def test_the_averaged_step_is_the_mean_of_its_repeats_also_on_different_clocks()
     mean = mean_step(repeats)
     assert mean.repeats == 3 and mean.t[0] >= 0.005 and mean.t[-1] <= 0.8
     assert mean.torque == pytest.approx(3.0 * mean.t)
-
-
-def test_ripple_that_repeats_with_the_shaft_leaves_the_steady_torque_alone_over_whole_revolutions():
-    t = np.arange(4001) / 1000.0
-    for speed in (16.0, 32.0, 64.0):
-        ripple = np.cos(2.0 * math.pi * speed / 60.0 * t + 0.7)
-        step = Step(0.0, 1.0, speed, t, 3.0 + ripple)
-        assert steady_torque(step, 0.1, 0.03, 0.0) == pytest.approx(3.0, abs=2e-3)
-        assert abs(step.torque[t > 0.6].mean() - 3.0) > 1e-2 or speed == 64.0

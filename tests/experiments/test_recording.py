@@ -262,28 +262,6 @@ def test_a_description_of_a_later_form_is_said_and_no_tick_is_trusted(tmp_path):
     assert not recording.rows and "this program reads form" in recording.damaged[0]
 
 
-def test_a_database_that_a_kill_left_open_is_sealed_as_it_is_closed_though_nothing_was_written(database):
-    def is_sealed() -> bool:
-        with reading(database.path.parent) as stored:
-            return stored.is_sealed
-
-    database.add("event", "2026-01-01T00:00:00.000+00:00", 1.0, "note", "{}")
-    database.commit()
-    database.disconnect()
-    assert is_sealed() is False
-    Database(database.path.parent).close()
-    assert is_sealed() is True
-
-
-def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
-    (tmp_path / "x.txt").write_text("x")
-    with pytest.raises(InputError, match=r"x\.txt"):
-        read_recording(tmp_path / "x.txt")
-    record(tmp_path / "ses", ticks(5))
-    with pytest.raises(InputError, match="no such recording"):
-        read_recording(tmp_path / "ses" / "trials" / "run-002.parquet")
-
-
 def refused(winerror: int | None) -> PermissionError:
     error = PermissionError(13, "denied", "trials.csv")
     if winerror:

@@ -22,7 +22,6 @@ from experiments.sensitivity.judged import boxes_of, judge, read_trials, wilson
 from experiments.sensitivity.ranges import AssumptionRange, load_ranges
 from experiments.sensitivity.report import Judgement, report_files
 from experiments.sensitivity.run import SensitivityRun, run_sensitivity
-from experiments.study import jobs
 from experiments.study.unrecorded import study_trials
 from experiments.trial.population import load_population
 
@@ -187,12 +186,6 @@ def test_an_interrupted_run_goes_on_to_the_same_table_byte_for_byte_and_runs_onl
         run_sensitivity(SensitivityRun(load_ranges(small), 5), cut, resume=True)
 
 
-def test_neither_the_number_of_cores_nor_the_order_changes_a_digit(small, whole, monkeypatch):
-    monkeypatch.setattr(jobs, "cores", lambda: 1)
-    backwards = [sample.run().rows for sample in reversed(SensitivityRun(load_ranges(small), 3).samples())]
-    assert table(whole).split(b"\n", 1)[1] == b"".join(reversed(backwards))
-
-
 WRONG = {
     "no range": (RANGES.split("[rules]")[0], "holds no range"),
     "no source": (RANGES.replace('source = "Table I"\n', ""), "source"),
@@ -205,7 +198,6 @@ WRONG = {
     "assumption out of bounds": (RANGES.replace("low = 5.0", "low = -5.0").replace("log = true", ""), "low_gain"),
     "unknown number of operators": (RANGES.replace("operator.movement_s", "operator.joy"), "joy: there is no such"),
     "path that is none": (RANGES + '[path."3.x_m"]\nvalue = 0.1\nsource = "x"', "path.3.x_m: there is no such number"),
-    "unknown population": (RANGES + '[population]\nchoices = ["average", "kings"]\nsource = "x"', "kings"),
 }  # fmt: skip
 
 

@@ -199,16 +199,6 @@ def test_whatever_a_controller_does_is_one_sentence(code: str, said: str):
     assert "\n" not in str(refused.value) and os.getcwd() == here
 
 
-def test_a_controller_that_does_not_compile_is_refused_before_any_folder_is_made(tmp_path):
-    text = DAMPER.replace("damping, seen =", 'damping = "none" + 1\n    damping, seen =')
-    protocol = load_protocol(own_experiment(tmp_path, my_damper=text))
-    with pytest.raises(InputError, match="my_damper.py: does not compile: line"):
-        run_study(tmp_path / "study", 1, protocol, load_population())
-    with pytest.raises(InputError, match="my_damper.py: does not compile: line"):
-        Session(tmp_path / "data", Participant("01"), protocol)
-    assert not (tmp_path / "study").exists() and not (tmp_path / "data").exists()
-
-
 def test_a_controller_whose_first_tick_does_not_end_is_refused_before_any_folder_is_made(tmp_path, monkeypatch):
     loop = "n = 0\n    while controller.values[1] > 100.0:\n        n += 1\n    "
     text = DAMPER.replace("damping, seen =", f"{loop}damping, seen =")
