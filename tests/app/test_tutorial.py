@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from simulated_loop import local_window
 
 from app.cli import main, make_parser
