@@ -83,7 +83,8 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
             )
     words = {tick_log.APPROACH: {"Move to the start"}, tick_log.HOLD: {"Hold"}, tick_log.MOVE: {"Go"}}
     assert {tick_log.APPROACH, tick_log.MOVE} <= set(said)  # a hold of half a second may come between two pictures
-    assert all(said[phase] == words[phase] for phase in said if phase in words) and view.shown.large == "Well done"
+    assert all(said[phase] == words[phase] for phase in said if phase in words), said
+    assert view.shown.large == "Thank you"
     (result,) = main.snapshot.rows
     assert result.status == "done" and (result.path, result.controller) == (planned.path, planned.controller)
     session = tmp_path / "data" / "sub-01" / "ses-01"
@@ -93,7 +94,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     assert recording.whole and order == ["approach", "hold", "move", "end"]
     assert run.strip.plan.statuses == {1: "done"} and run.card_shown
     flags = run.card.flags.text()  # on a busy machine ticks come late
-    assert flags == NO_FLAGS or (flags.count("▲") == 1 and flags.endswith("missed"))
+    assert flags == NO_FLAGS or "missed of" in flags
     wait_until(lambda: "1 recording verified" in main.footer.recording.text())
 
     windows.client.send(m.Start())
@@ -101,7 +102,7 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
     QTest.keyClick(windows.participant.windowHandle(), Qt.Key.Key_Escape)
     wait_until(lambda: len(main.snapshot.rows) == 2 and main.snapshot.brakes_off)
     assert main.snapshot.rows[1].status == "stopped"
-    assert "Esc was pressed on the participant's screen" in main.pages["Run"].strip.banner.toolTip()
+    assert main.snapshot.brakes_off.startswith("Esc was pressed on the participant's screen")
     start = main.page(RUN).panel.start
     assert not start.isEnabled()
     QTest.keyClick(windows.participant, Qt.Key.Key_B, Qt.KeyboardModifier.ControlModifier)

@@ -9,15 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from live import Window, kill, live_window
+from live import kill, live_window
 from processes import gone
 from protocols import PAPER, changed
 from recorded_disk import RecordedDisk
-from sessions import new_session, of, run_trials
+from sessions import new_session, of, recording_path, run_trials
 from waiting import wait_until
 
 from app.cli import main
-from app.ipc import messages as m
 from app.ipc.messages import Setup
 from app.session_server.server import LOG
 from core.files import InputError
@@ -53,19 +52,12 @@ def test_ticks_that_are_in_memory_alone_as_the_server_is_asked_to_end_are_said_a
         ticks = int(re.search(r"([\d,]+) ticks", log)[1].replace(",", ""))
         assert ticks >= seen - 1000 and str(tmp_path / "own") in log
         disk.told.unlink()
-        resumed = _go_on(opened, setup)
-        assert f"{ticks:,} ticks that the disk had refused are in the session now" in resumed.notice
-        kept = read_recording(of(setup.data_dir) / "trials" / f"run-{run:03d}.parquet")
+        resumed = Session.resume(setup.data_dir, "01", sync=False)
+        assert f"{ticks:,} ticks that the disk had refused are in the session now" in resumed.repaired.sentence()
+        resumed.close()
+        kept = read_recording(recording_path(of(setup.data_dir), run))
         assert kept.whole and kept.rows >= seen - 1
     assert verify(setup.data_dir)["faults"] == []
-
-
-def _go_on(opened: Window, setup: Setup) -> m.Snapshot:
-    opened.client.leave()
-    opened.join(setup)
-    opened.until_stage(m.NO_SESSION)
-    opened.client.send(m.Open("01", resume=True))
-    return opened.until_stage(m.READY)
 
 
 @pytest.fixture(scope="module")

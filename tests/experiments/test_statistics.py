@@ -274,7 +274,7 @@ def test_definitions_that_order_the_controllers_alike_agree_and_a_reversed_one_i
     assert by["peak_error_m", "four-brake"].value == pytest.approx(-1.0)
     assert by["sparc", "three-brake"].value == pytest.approx(1.0)  # nearer 0 is smoother
     said = " ".join(sentences(results))
-    assert "None and SDOF, none and SDOF with gap, " in said and "change places by peak error." in said
+    assert "No control and SDOF, no control and SDOF with gap, " in said and "change places by peak error." in said
     assert "The same by acceleration rms; SPARC." in said
 
 
