@@ -173,7 +173,7 @@ class HomePage(Page):
         self.start.setFont(theme.font(theme.NORMAL, bold=True))
         self.start.setMinimumHeight(MAIN_PX[1])
         buttons = row(self.start, 1, self.show_plan, self.more)
-        foot = column(self.checks, self.why, buttons, spacing=10, margins=(0, 4, BESIDE_PX, 0))
+        foot = column(buttons, self.checks, self.why, spacing=10, margins=(0, 4, BESIDE_PX, 0))
         left, top, right, low = PANEL_MARGINS
         self.session = panel("Session", self.area, foot, 1, margins=(left, top, right - BESIDE_PX, low))
         self.planned = panel("Plan", (self.plan, 1))
