@@ -246,7 +246,12 @@ BAD_BRAKES = {
         "must rise with the current up to",
     ),
     "negative time": (r"0\.066\]", "-0.066]", r"rise\.a gives a time constant of -"),
-    "dips below zero inside": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"fall\.a gives a time constant"),
+    "dips below zero at an end": (r"0\.002, 0\.002, 0\.038", "0.002, 0.002, 0.017", r"of -0\.001 s at 8 rpm and 0 A"),
+    "dips below zero inside": (  # 0.002 (w - 1)^2 - 0.001 at no current
+        r"0\.018, -0\.012, -0\.012, 0\.002, 0\.002, 0\.038",
+        "0.002, -0.004, -0.004, 0.002, 0.002, 0.001",
+        r"fall\.a gives a time constant of -0\.001 s at 2 rpm and 0 A",
+    ),
     "no time above": ("a_avg_s = 0.030", "a_avg_s = 0", r"rise\.a_avg_s must be at least 1e-06"),
     "floor above omega_0": (r"floor_rpm = 0\.125", "floor_rpm = 9", "must not exceed omega_0_rpm"),
     "no unit": ("knee_A", 'command_unit = ""\nknee_A', "command_unit must be 1 to 12 characters of plain text"),

@@ -45,6 +45,12 @@ def test_a_segment_is_its_infinite_line_to_the_last_bit(path, at):
     assert on_piece(path, follow(path, 0, *at), *at) == nearest(path, *at)
 
 
+def test_a_tip_is_near_a_path_within_half_the_way_round_its_smallest_loop():
+    """Farther off, the other way through the crossing could be taken for its own."""
+    corners = ((0.0, 0.3), (0.1, 0.3), (0.1, 0.305), (0.095, 0.305), (0.095, 0.2))
+    assert build_path(Polyline(corners), "path").near == pytest.approx(0.5 * 0.02)
+
+
 @given(curves, share, st.floats(-0.003, 0.003))
 def test_a_tip_offset_to_the_left_is_that_far_from_the_path_and_no_further_along_it(path, of_length, offset):
     s = of_length * path.length
