@@ -5,7 +5,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 from emulated import Emulated, when
@@ -140,19 +139,6 @@ def test_the_board_follows_the_device_that_a_host_asks_for_and_the_handle_stays(
         assert (found.words, found.problem) == (f"answers, {name}", "")
         assert sample.homed and math.dist(sample.tip, before) < 3e-3
         assert ask_board(emulated.port).device == name
-
-
-def test_a_board_that_was_asked_for_one_device_refuses_any_other(tmp_path: Path) -> None:
-    emulated = Emulated(tmp_path, "--device", "three-brake")
-
-    def refusal() -> str:
-        with pytest.raises(InputError) as error:
-            SerialDevice(DEVICE, emulated.port).open()
-        return str(error.value)
-
-    wait_until(lambda: "is wired to the device 'three-brake', not to 'four-brake'" in refusal())
-    assert "only three-brake can be emulated here" in emulated.order(device="four-brake")["error"]
-    assert emulated.end() == 0
 
 
 def test_the_operator_waits_at_the_start_to_be_told_and_goes() -> None:

@@ -11,7 +11,6 @@ from msgspec.structs import replace
 from recorded import new_session_database
 from waiting import LONG_S, wait_until
 
-from app.ipc.jobs import CheckTiming, TimingChecked
 from app.ipc.ring import Ring
 from app.loop.real_time import ROOM
 from app.session_server.loop_process import LoopProcess
@@ -185,10 +184,3 @@ def test_a_trial_that_a_person_forgets_ends_by_itself_and_says_why() -> None:
         ticks += trial.run(rows)
     assert 300.0 < 1e-3 * ticks < 1200.0
     assert trial.outcome()["status"] == "aborted" and "start was not reached" in trial.outcome()["reason"]
-
-
-def test_a_loop_that_has_nothing_to_do_keeps_its_deadlines(loop) -> None:
-    ring, process = loop
-    process.send(CheckTiming(30))
-    tried = answer_of(ring, process)
-    assert isinstance(tried, TimingChecked) and tried.lateness_us.shape == (30,) and tried.lateness_us.min() >= 0.0

@@ -1,7 +1,6 @@
 """What the program asks of each system: one clock, a compiled loop, a screen; and what its start does not wait for."""
 
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -38,16 +37,6 @@ def test_the_loop_is_compiled_on_every_system_that_the_program_is_for() -> None:
     assert clock.NATIVE == (not numba.config.DISABLE_JIT)
     words = clock.timer_words(clock.new_timer())
     assert words in ((clock.FINE_TIMER, clock.COARSE_TIMER) if sys.platform == "win32" else ("",))
-
-
-def run_python(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200, check=True)
-    return done.stdout.strip()
-
-
-def test_the_windows_import_no_plots_and_no_statistics() -> None:
-    code = "import sys, app.window.program; print(*{'matplotlib', 'scipy.linalg', 'pyarrow'} & set(sys.modules))"
-    assert run_python(code) == ""
 
 
 @pytest.fixture

@@ -4,14 +4,14 @@ import shutil
 
 import pytest
 from protocols import protocol_of, short
-from sessions import Killed, kill, killing, move_to_the_end, new_session, of, run, run_trials, unfinished
+from sessions import Killed, kill, killing, move_to_the_end, new_session, run, run_trials
 
 from core.files import InputError
 from experiments.store import files
 from experiments.store.cells import cell
 from experiments.store.database import Database
 from experiments.store.files import free_participant, rows_of, write_pooled_table
-from experiments.store.journal import EXCLUDED, NOTE, read_events
+from experiments.store.journal import EXCLUDED, read_events
 from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.store.verify import verify
@@ -103,21 +103,6 @@ def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_record
     assert session.redo(2, "after all").status == "redone"
     session.close()
     assert verify(tmp_path)["faults"] == []
-
-
-def test_a_resumed_session_knows_what_was_skipped_redone_and_noted(data):
-    before = rows_of(of(data))
-    assert unfinished(data) == ("01",)
-    session = Session.resume(data, "01", sync=False)
-    assert session.rows == before
-    assert statuses(session) == [(1, "done"), (2, "skipped"), (3, "redone"), (21, "done"), (4, "done")]
-    assert session.next_planned() == session.plan[4]
-    (noted,) = (entry for entry in read_events(session.folder) if entry.event is NOTE)
-    assert noted.about == {"text": "asked to move a little slower"} and noted.time > "2020"
-    session.redo(21, "again")
-    again = session.next_planned()
-    assert again.run == 22 and cell(again) == cell(session.plan[2]) and rows_of(session.folder) == session.rows
-    session.close()
 
 
 def practising(tmp_path, **values):

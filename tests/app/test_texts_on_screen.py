@@ -14,7 +14,6 @@ from fake_client import (
     movement,
     opened,
     paper,
-    pulse,
     ready,
     result,
     running,
@@ -23,25 +22,19 @@ from protocols import CURVES
 from PySide6.QtCore import Qt
 from screens import Screens
 from sessions import session_of
-from status_messages import NOT_ZEROED, ON_BENCH, WELL, status, told
-from texts_on_screen import faults
+from status_messages import NOT_ZEROED, ON_BENCH, status, told
+from texts_on_screen import faults_by_size
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
 from app.ipc.messages import DeviceStatus
-from app.session_server.preflight import check_device
 from app.window.analyse import analyse_page
 from app.window.home.home_page import BOARD
-from app.window.main_window import SMALLEST
 from app.window.widgets.page import ANALYSE, HOME, TRY
-from core.faults import cause
 from experiments.analysis.trials_table import as_rows, as_table
 from experiments.protocol_file import Consent
 from experiments.store.overview import DataOverview, SessionOverview
 
-SIZES = SMALLEST, (1920, 1080)
-NOTES = ("13:02 slower", "13:05 a longer note about what happened")
-LONG = "Run 9: the participant was distracted by a long sentence that goes on."
 GONE = (
     "Run 9 is not complete. /a/folder/that/is/gone/sub-01/ses-01/trials/run-009.parquet is gone. Bring it back "
     "(connect its disk, take it out of the wastebasket), and what is missing is written by itself. Or go on in "
@@ -51,23 +44,15 @@ ALT = Qt.KeyboardModifier.AltModifier
 FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
 FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
 UNEVEN = {"clock": {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 60}, "lost_links": 3, "begun_anew": 2}
-BAD_ENCODER = check_device(False, cause("bad-encoder"))
 NOT_HOMED = m.Check(
     "Device", m.DUE, "not homed yet", "Home the encoders: the session or the Device page (F3) guides you."
 )
 RUN_STATES = {
-    "late": (
-        opened(),
-        running(37),
-        pulse(),
-    ),
     "card, flags": (opened(), running(37), ready(38, rows=(*map(result, PLAN[:37]), FLAGGED))),
-    "said": (opened(), ready(9, notes=NOTES, notice=LONG)),
     "undone": (
         opened(),
         ready(9, not_written=GONE, checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE))),
     ),
-    "failed": (opened(), ready(9, stage=m.FAILED, notice="The disk is full: /a/long/path/to/data takes no more.")),
 }
 
 
@@ -176,7 +161,6 @@ STATES: dict[str, Callable[[Screens], None]] = {
     "long names": long_names, "home, sessions": sessions, "home, ports": ports,
     "editor": editor, "consent": consent, "run, instructed": instructed,
     "device, uneven": device(m.Snapshot(m.NO_SESSION, checks=(NOT_HOMED, *NOT_ZEROED[1:])), status(UNEVEN)),
-    "device, off": device(ready(3, checks=(BAD_ENCODER, *WELL[1:]), brakes_off=cause("bad-encoder")), status()),
     "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
     "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
     "closing": closing,
@@ -184,21 +168,10 @@ STATES: dict[str, Callable[[Screens], None]] = {
 }  # fmt: skip
 
 
-def found_at_every_size(screens: Screens) -> dict[tuple[int, int], list[str]]:
-    found = {}
-    for size in SIZES:
-        screens.main.setMinimumSize(1, 1)  # as on a screen of that size
-        screens.main.resize(*size)
-        if said := faults(screens.main):
-            found[size] = said
-        assert (screens.main.width(), screens.main.height()) == size
-    return found
-
-
 @pytest.mark.parametrize("state", STATES)
 def test_in_a_session_and_on_try(screens: Screens, state: str) -> None:
     STATES[state](screens)
-    assert found_at_every_size(screens) == {}
+    assert faults_by_size(screens.main) == {}
 
 
 @pytest.fixture(scope="module")
@@ -223,5 +196,5 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path, shown: str) -> None
         qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
     else:
         analyse.show_page(shown)
-    assert found_at_every_size(screens) == {}
+    assert faults_by_size(screens.main) == {}
     analyse.close_trial()

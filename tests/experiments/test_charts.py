@@ -32,7 +32,7 @@ from experiments.store.cells import trial_names
 from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
 from experiments.study.playback import device_of, read_playback
-from tests.support.rows import put_session, with_measures, write_rows
+from tests.support.rows import with_measures, write_rows
 
 DEVICES = ("three-brake", "four-brake")
 VIEW = View(DEVICES, {number: f"controller {number}" for number in range(1, 6)}, {1: 0.2, 2: 0.25})
@@ -113,13 +113,6 @@ def test_a_data_folder_a_session_and_a_bare_table_can_all_be_looked_at(data, tmp
     bare = read_results(tmp_path)
     assert len(bare.trials) == 180 and bare.labels[3] == "controller\n3" and bare.configurations == DEVICES
     assert read_results(tmp_path / "..").trials.empty and pytest.raises(InputError, read_results, tmp_path / "none")
-
-
-def test_a_damaged_table_is_named_and_the_rest_is_shown(tmp_path):
-    put_session(tmp_path, "01", study()[:60])
-    (put_session(tmp_path, "02", []) / "session.db").write_bytes(b"nonsense" * 2000)
-    results = read_results(tmp_path)
-    assert len(results.trials) == 60 and "sub-02" in results.problems[0]
 
 
 @pytest.mark.parametrize(("page", "name"), [(POOLED, "path_error"), (ORDER, "path_error_by_run")])

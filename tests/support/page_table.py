@@ -5,7 +5,7 @@ from typing import NamedTuple
 from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
 from screens import Screens
-from texts_on_screen import faults
+from texts_on_screen import faults_by_size
 
 from app.window.canvas.linkage_view import LinkageView
 from app.window.participant.participant_window import ParticipantView
@@ -61,7 +61,7 @@ def check(screens: Screens, row: Row) -> None:
         assert words in text, f"{words!r} is not in {text}"
     for words in filter(None, row.never.split(BETWEEN)):
         assert words not in text, f"{words!r} is in {text}"
-    assert faults(screens.main) == []
+    assert faults_by_size(screens.main) == {}
     if row.offers is not None:
         assert offered(screens.run) == set(filter(None, row.offers.split(BETWEEN)))
     for key, commands in row.sends.items():

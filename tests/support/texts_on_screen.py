@@ -8,10 +8,12 @@ from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QAbstractButton, QAbstractScrollArea, QCheckBox, QComboBox, QLabel, QWidget
 from screens import settle
 
+from app.window.main_window import SMALLEST
 from app.window.widgets.cards import OverlayCard
 from app.window.widgets.parts import KeyButton, OneLine
 from app.window.widgets.preflight import Banner
 
+SIZES = SMALLEST, (1920, 1080)
 SLACK_PX = 1.0  # of rounding
 LEAST_OVERLAP_PX = 1.5
 
@@ -34,6 +36,20 @@ def faults(window: QWidget) -> list[str]:
             shared = text.box & other.box
             if min(shared.width(), shared.height()) > LEAST_OVERLAP_PX:
                 found.append(f"over each other: {text.words!r} and {other.words!r}")
+    return found
+
+
+def faults_by_size(window: QWidget) -> dict[tuple[int, int], list[str]]:
+    """The faults of a window as on a small screen and on a large one, of those where there are any."""
+    found, before, least = {}, window.size(), window.minimumSize()
+    for size in SIZES:
+        window.setMinimumSize(1, 1)
+        window.resize(*size)
+        if said := faults(window):
+            found[size] = said
+        assert (window.width(), window.height()) == size
+    window.setMinimumSize(least)
+    window.resize(before)
     return found
 
 
