@@ -1,9 +1,11 @@
-"""Box plots: the numbers of a box against other ways to get them, what stands on a figure, the files of a study."""
+"""Figures: the numbers of boxes and marks by other ways, what stands on a figure, and what a journal takes."""
 
 import itertools
+import math
 import re
 from dataclasses import replace
 
+import matplotlib
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,16 +13,22 @@ from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
+from matplotlib.text import Text
 from protocols import study_data
 
+from core.device import load_device
 from core.files import InputError
+from experiments.analysis.by_path import by_path, by_path_table
 from experiments.analysis.chart_figures import TIMEOUT_COLOUR, draw, draw_boxplots
 from experiments.analysis.charts import View, box_statistics
+from experiments.analysis.error_against_force import joined, marks_of
 from experiments.analysis.force_figure import draw_error_against_force
 from experiments.analysis.metrics import DRAWN, FIGURES
-from experiments.analysis.sheet import figure_bytes
+from experiments.analysis.sheet import COLUMN_IN, PAGE_IN, STYLE, figure_bytes
 from experiments.analysis.trials_table import TrialRow, as_table
+from experiments.paper_figures import pictures
 from experiments.protocol import label, load_protocol
+from tests.support.rows import with_measures
 
 NOTE = "Settled rules, low gain 5 N s/m, parameters assumed."
 LABELS = {number: label(preset.name) for number, preset in load_protocol().controllers.items()}
@@ -124,3 +132,69 @@ def marks(axes):
         (len(points.get_paths()[0].vertices), to_hex(points.get_facecolors()[0]), tuple(place))
         for points in axes.collections if isinstance(points, PathCollection) for place in points.get_offsets()
     ]  # fmt: skip
+
+
+def test_a_row_is_the_median_and_the_quartiles_of_a_device_a_path_a_controller_and_a_measure():
+    trials = as_table(study(controllers=(1, 4)))
+    found = by_path(trials, LABELS)
+    assert len(found) == len(BOTH) * 2 * 2 * 3, "devices, paths, controllers, measures that have a value"
+    for row in found.itertuples():
+        place = trials["configuration"].eq(row.configuration) & trials["path"].eq(row.path)
+        values = trials[place & trials["controller"].eq(row.controller)][row.measure]
+        assert (row.median, row.q1, row.q3) == pytest.approx(tuple(values.quantile([0.5, 0.25, 0.75])))
+        assert row.trials == len(values) == 9
+    assert set(found["controller_name"]) == {"No control", "Proportional, high gain"}
+    table = by_path_table(found, ())
+    assert "path error (mm)" in table and "Proportional, high gain" in table and table.count("\n") == 1 + 8
+    assert by_path_table(by_path(trials[trials["path"] == 1], LABELS), ()) == ""
+
+
+def test_codes_of_blind_sessions_are_not_pooled_over_their_participants():
+    coded = as_table(study(2, controllers=(1,))).assign(controller="K1")
+    assert set(by_path(coded, LABELS)["controller"]) == {"P01 K1", "P02 K1"}
+
+
+def test_a_mark_holds_median_and_quartiles_of_each_controller_on_each_device():
+    trials = as_table(study())
+    marks = marks_of(trials, view_of(LABELS))
+    assert [(mark.controller, mark.configuration) for mark in marks] == list(itertools.product(range(1, 6), BOTH))
+    for mark in marks:
+        cell = trials[(trials["controller"] == mark.controller) & (trials["configuration"] == mark.configuration)]
+        for box, column, scale in ((mark.error, "path_error_m", 1e3), (mark.force, "mean_tip_force_N", 1.0)):
+            expected = scale * cell[column].quantile([0.25, 0.5, 0.75])
+            assert (box.q1, box.median, box.q3) == pytest.approx(tuple(expected))
+        assert mark.smoothness == pytest.approx(cell["acceleration_dft_sum"].median())
+        assert f"{mark.error.median:.3g}" in mark.text and mark.configuration in mark.text
+    assert [(a.controller, b.controller) for a, b in joined(marks)] == [(k, k) for k in range(1, 6)]
+
+
+def test_a_controller_without_an_error_above_zero_or_without_a_measure_has_no_mark_and_smoothness_may_be_missing():
+    rows = study(1, controllers=(1, 2, 3))
+    changed = {1: {"path_error_m": 0.0}, 2: {"mean_tip_force_N": None}, 3: {"acceleration_dft_sum": None}}
+    marks = marks_of(as_table(with_measures(row, **changed[row.controller]) for row in rows), view_of(LABELS))
+    assert {mark.controller for mark in marks} == {3} and all(math.isnan(mark.smoothness) for mark in marks)
+
+
+SLOW = ("displays", "fig11", "passive_master", "stopping_distance")  # simulated
+QUICK = [p for p in pictures([load_device("four-brake")]) if not p.name.startswith(SLOW)]
+
+
+def texts_of(figure):
+    return [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
+
+
+@pytest.mark.parametrize("picture", QUICK, ids=[picture.name for picture in QUICK])
+def test_the_papers_figures_have_a_width_and_text_that_a_journal_takes(picture):
+    with matplotlib.rc_context(STYLE):
+        figure = picture.draw()
+    assert figure.get_figwidth() in (COLUMN_IN, PAGE_IN)
+    assert {text.get_fontsize() for text in texts_of(figure)} <= {7.0, 7.5, 8.0, 9.0}
+
+
+@pytest.mark.usefixtures("fine_prints")
+def test_text_is_text_in_svg_and_fonts_in_pdf():
+    figure = draw(as_table(study(1)), NOTE, view_of(LABELS), [DRAWN[0]], COLUMN_IN)
+    svg = figure_bytes(figure, "svg").decode()
+    assert "<text" in svg and "Path error (mm)" in svg and NOTE.split()[0] in svg
+    pdf = figure_bytes(figure, "pdf")
+    assert set(re.findall(rb"/Subtype /(Type[0-9])\b", pdf)) == {b"Type0"}
