@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from damage import edited, found, make_whole
+from damage import found, make_whole
 from disks import flip_a_bit
 from sessions import files, new_session, run
 
@@ -68,11 +68,6 @@ def exchanged(data: Path) -> None:
         (data / old).rename(data / new)
 
 
-def newer(data: Path) -> None:
-    with edited(data / SESSION / DATABASE) as db:
-        db.execute("PRAGMA user_version = 7")
-
-
 def without_a_column(data: Path) -> None:
     lines = (data / TABLE).read_text().splitlines()
     (data / TABLE).write_text("".join(line.rpartition(",")[0] + "\n" for line in lines))
@@ -103,13 +98,6 @@ SPOILT = {
         f"{SESSION}/session (conflicted copy).db", "a conflict copy",
     ),
     "database gone": (lambda d: (d / SESSION / DATABASE).unlink(), SESSION, "its session.db is missing"),
-    "truncated database": (
-        lambda d: (d / SESSION / DATABASE).write_bytes((d / SESSION / DATABASE).read_bytes()[:20_000]),
-        f"{SESSION}", "is damaged",
-    ),
-    "newer": (newer, SESSION, "is of format 7, this version of PHD reads format 2: use the version that recorded it"),
-    "foreign": (lambda d: (d / SESSION / DATABASE).write_bytes(b"x" * 9999), SESSION, "is damaged"),
-    "session gone": (lambda d: shutil.rmtree(d / "sub-01"), SESSION, "is missing, and study.db counts it"),
 }  # fmt: skip
 
 
