@@ -38,12 +38,6 @@ def test_an_abort_keeps_its_reason_and_the_plan_goes_on(window: Window) -> None:
     assert [(r.run, r.status) for r in table] == [(r.run, r.status) for r in snapshot.rows]
 
 
-def test_a_run_that_is_in_no_result_cannot_be_excluded_from_them(window: Window) -> None:
-    run = next(row.run for row in window.snapshot.rows if row.status == "aborted")
-    window.client.send(m.Exclude(run, "a knock on the door"))
-    assert "does not count" in window.until(lambda s: s.notice_bad).notice  # an aborted one is in no result anyway
-
-
 def test_brakes_off_ends_the_trial_and_no_other_starts_until_they_are_allowed_again(window: Window) -> None:
     run = window.start().running.run
     window.client.brakes_off("Esc on the participant's side")

@@ -142,17 +142,6 @@ def test_the_mass_of_the_arm_is_on_the_hands_side_of_the_force_sensor():
     assert taken > 0.3 and seen == 3000
 
 
-def test_the_ledger_of_a_trial_closes_and_no_brake_adds_energy():
-    for number in (1, 2, 4):
-        trial, rows = one_trial(somebody(4), number)
-        last, first = rows[-1], rows[0]
-        kept = last[tick_log.ENERGY_KINETIC] - first[tick_log.ENERGY_KINETIC]
-        residual = last[tick_log.ENERGY_HAND] - last[tick_log.ENERGY_BRAKES] - last[tick_log.ENERGY_STOPS] - kept
-        assert abs(residual) < 1e-4 * max(last[tick_log.ENERGY_BRAKES], 0.01)
-        assert np.all(np.diff(rows[:, tick_log.ENERGY_BRAKES]) >= 0.0)
-        assert trial.outcome()["energy_added_max_J"] == 0.0
-
-
 def test_an_operator_whose_trial_is_stopped_leaves_the_virtual_hand_where_it_is():
     trial = new_trial(somebody(1))
     rows = np.zeros((80_000, tick_log.WIDTH))

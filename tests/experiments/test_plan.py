@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from protocols import PAPER
 
 from core.files import InputError
-from experiments.plan import make_plan, participant_label, plan_from_json, plan_hash, plan_to_json, practice_trial
+from experiments.plan import make_plan, plan_from_json, plan_hash, plan_to_json, practice_trial
 
 CELLS = {(controller, path) for controller in PAPER.controllers for path in PAPER.paths}
 
@@ -107,13 +107,3 @@ def test_every_controller_is_about_equally_often_at_every_place_of_a_block_and_e
     assert len(at) == 150 and all(abs(count - 80) < 5 * 8 for count in at.values())
     pairs = {(a[3:5], b[3:5]) for seed in range(60) for a, b in pairwise(paper_plan(1, seed))}
     assert len(pairs) == 10 * 8
-
-
-@pytest.mark.parametrize(
-    ("label", "says"),
-    [("a b", "letters a to z and digits"), ("é", "letters a to z and digits"), (21 * "a", "at most 20 characters")],
-)
-def test_a_label_that_is_not_letters_and_digits_or_too_long_is_refused(label, says):
-    assert participant_label(" p7\t") == "p7" and participant_label(20 * "a") == 20 * "a"
-    with pytest.raises(InputError, match=says):
-        make_plan(PAPER, label)

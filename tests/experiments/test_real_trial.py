@@ -1,6 +1,5 @@
 """A trial on the bench, over a board in simulated time: the simulated device's trial but for sensors and wire."""
 
-import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -161,12 +160,3 @@ def test_a_fault_after_the_end_leaves_the_trial_done_and_is_told(bench: RealBenc
     assert (
         outcome["status"] == "done" and outcome["reason"] == "after its end: stopped by the host or the emergency stop"
     )
-
-
-def test_a_trial_goes_to_another_process_and_comes_back_as_it_was(bench: RealBench) -> None:
-    trial = pickle.loads(pickle.dumps(bench.trial(2)))
-    trial.connect(bench.link)
-    bench.run(trial, lambda trial: trial.phase == "hold")
-    back = bench.trial(2)
-    back.take_back(pickle.loads(pickle.dumps(trial.state)))
-    assert (back.ticks, back.phase, back.tip) == (trial.ticks, trial.phase, trial.tip)
