@@ -168,6 +168,11 @@ SHOWN = {
         "", BEFORE._replace(checks=NOT_ZEROED), {"zeroed": False}, "Next: start zeroing the force sensor",
         "Take your hand off the handle", ("Start zeroing the force sensor", m.PrepareDevice(m.ZERO)), ALL,
     ),
+    "the zero was refused": (
+        "01", ready(3, checks=NOT_ZEROED, notice="The handle moved.", notice_bad=True), {"zeroed": False},
+        "Next: start zeroing the force sensor", "The handle moved. Take your hand off",
+        ("Start zeroing the force sensor", m.PrepareDevice(m.ZERO)), ALL,
+    ),
     "not homed": (
         "01", ready(3, checks=(NOT_HOMED, *NOT_ZEROED[1:])), {"zeroed": False, "homed": False},
         "Next: start homing the encoders", "Hold the handle in its jig at x = 0 mm, y = 400 mm",

@@ -391,6 +391,7 @@ def test_ticks_reach_workspace_participant_and_traces_all_of_one_tick_and_nothin
     assert live.error.t[0] == strip.speed.t[0] == 0.0 and live.error.t[-1] == pytest.approx(0.899)
     assert view.tip == screens.participant.view.tip == tuple(last[tick_log.TIP_X : tick_log.TIP_Y + 1])
     assert view.line.startswith("Participant reads: Go") and "no brake added energy" in strip.figures.text()
+    assert "Loop in time since go" in strip.figures.text(), "the light beside it is of the ticks before, too"
     screens.hear(ready(over + 1))
     assert (live.force.figures.text(), strip.speed.figures.text(), len(live.force.t)) == ("– N", "– m/s", 900)
     screens.hear(opened(""), before())

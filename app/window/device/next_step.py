@@ -46,9 +46,16 @@ class NextStep(NamedTuple):
 def next_step(
     found: Mapping[str, m.Check], opened: m.Opened, snapshot: m.Snapshot, status: m.DeviceStatus | None
 ) -> NextStep:
-    """What there is to do next. found: what is ready, by row."""
+    """What there is to do next, after why a step was refused. found: what is ready, by row."""
     if snapshot.step != m.DONE:
         return NextStep(m.WAITS[snapshot.step], "One moment: do not touch the handle.")
+    step = _next(found, opened, snapshot, status)
+    return step._replace(text=f"{snapshot.notice} {step.text}") if snapshot.notice_bad else step
+
+
+def _next(
+    found: Mapping[str, m.Check], opened: m.Opened, snapshot: m.Snapshot, status: m.DeviceStatus | None
+) -> NextStep:
     if why := why_no_step(opened, snapshot):
         return NextStep("Nothing to do here now", why)
     due = next((name for name, check in found.items() if check.state not in (m.GOOD, m.CAUTION)), "")

@@ -9,7 +9,7 @@ from app.window.widgets.parts import Panel, button, column, row, show_wait, text
 from experiments.store.overview import DataOverview, SessionOverview
 
 TRY_TITLE, TRY = "Try the device", "Try it"
-TRY_TEXT = "Pull the handle with the mouse and compare controllers. Brakes steer, they never push. Nothing is saved."
+TRY_TEXT = "Pull the handle and compare controllers. Brakes steer, they never push. Nothing is saved."
 MAIN_PX = (190, 44)  # of the button: wide and high at least
 
 

@@ -139,7 +139,7 @@ class Strip(Panel):
         """In a line each what no curve shows; where none is shown, speed and currents too."""
         unfolded = not self.curves.isHidden()
         colour = COLOURS.text if self.late.usable else COLOURS.caution
-        lines: list[Parts] = [[("Loop", COLOURS.quiet), (self.late.words or "in time", colour)]]
+        lines: list[Parts] = [[("Loop", COLOURS.quiet), (self.late.words or "in time since go", colour)]]
         if not unfolded:
             speed = self.speed.figures.parts[0]
             lines.append([("Speed", COLOURS.quiet), speed, ("m/s", COLOURS.quiet)])
