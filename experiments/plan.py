@@ -313,10 +313,11 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
 
 def _seen(protocol: Protocol) -> str:
     linkage = "the linkage" if protocol.show_linkage else "no linkage"
+    trace = "the trace" if protocol.show_trace else "no trace"
     feedback = "no feedback" if protocol.feedback == "none" else f"the {protocol.feedback} after each trial"
     cues = protocol.cues
     paced = f'"slower" under {cues.too_fast_s:g} s, "faster" over {cues.too_slow_s:g} s' if cues else "no cues"
-    return f"{linkage}, {feedback}, {paced}"
+    return f"{linkage}, {trace}, {feedback}, {paced}"
 
 
 def _path_text(path: PathFile, drawn: str) -> str:

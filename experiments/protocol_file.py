@@ -152,6 +152,7 @@ class Settings(Table, frozen=True, kw_only=True):
     participants: tuple[Label, ...] = ()  # their labels, as "01"; none: any
     blind: bool = False  # true: the experimenter sees codes instead of controllers
     show_linkage: bool = False  # true: the participant sees the device's links
+    show_trace: bool = True  # false: the participant does not see the trace of the handle
     feedback: Annotated[str, choice(*FEEDBACK)] = "none"  # what the participant reads after a trial: or "time", "error"
     provenance: str = ""  # of the paths, if they stand for others' ("assumed" marks them)
     #: what the simulation assumes: [keys](assumptions-and-equations.md#assumptions)

@@ -255,6 +255,7 @@ class MainWindow(QWidget):
         """Hand every page what the participant is doing."""
         for page in self.pages.values():
             page.participant_answers, page.participant_reads = self.participant.isVisible(), self.participant.reads
+            page.show_instructions(self.participant.instructions.at)
             page.show_snapshot(self.snapshot)
 
     def do(self, action: str) -> None:

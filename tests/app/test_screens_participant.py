@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fake_client import LONG_BREAK, PRACTICE, PRESETS, opened, paper, ready, running, ticks
 from PySide6.QtCore import Qt
@@ -13,8 +14,9 @@ from texts_on_screen import faults
 from app.ipc import messages as m
 from app.window.participant.questionnaire import ITEMS
 from app.window.run.run_page import INSTRUCTED
+from app.window.widgets.palette import colour_for
 from core import tick_log
-from experiments.inputs import MOUSE
+from experiments.inputs import MOUSE, OPERATOR
 from experiments.language import language_text, shipped_languages
 from experiments.protocol_file import Consent, Cues, Instruction
 
@@ -91,6 +93,16 @@ def test_the_linkage_is_seen_only_where_the_protocol_says_so(screens: Screens) -
         screens.tick(ticks(tick_log.MOVE))
         view = screens.participant.view
         assert (view.moving_box() == view.rect()) == shown, "what a linkage covers is painted anew"
+
+
+def test_the_trace_is_seen_unless_the_protocol_hides_it(screens: Screens) -> None:
+    view = screens.participant.view
+    for shown in (True, False):
+        screens.hear(opened(protocol=paper(show_trace=shown)), running(int(shown)))
+        view.extend_trail(np.array(((-0.05, 0.3), (0.05, 0.3))))
+        seen = view.grab().toImage()
+        pixels = (seen.pixelColor(x, y).name() for x in range(seen.width()) for y in range(seen.height()))
+        assert (colour_for("trace") in pixels) == shown
 
 
 def test_where_a_force_sensor_is_the_hand_the_pointer_is_none(screens: Screens) -> None:
@@ -202,18 +214,25 @@ def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages
         assert window.view.isVisible() and start.text() == "Start"
 
 
-def test_instructions_that_nobody_sees_hold_nothing_up_and_do_not_come_after_the_first_trial(screens: Screens) -> None:
+def test_on_one_screen_instructions_stand_on_run_and_do_not_come_after_the_first_trial(screens: Screens) -> None:
     screens.participant.hide()
-    instructed(screens, "nobody")
+    instructed(screens, "one screen")
+    page = screens.run.instructions
+    assert page.isVisible() and page.text.text() == "Hold the handle."
+    assert screens.press(Qt.Key.Key_Space) == [] and page.text.text() == "Follow the line."
+    QTest.mouseClick(page, Qt.MouseButton.LeftButton)
+    assert not page.isVisible() and screens.run.panel.start.text() == "Start"
     assert screens.press(Qt.Key.Key_Space) == [m.Start()]
     screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE))
     screens.hear(ready(0))
     screens.participant.show()
     assert screens.participant.view.isVisible() and screens.run.panel.start.text() == "Start"
     instructed(screens, "another")
-    assert screens.participant.instructions.isVisible()
+    assert screens.participant.instructions.isVisible() and not page.isVisible()
     screens.participant.hide()
-    assert screens.run.panel.start.text() == "Start"
+    assert page.isVisible()
+    instructed(screens, "simulated", hand=OPERATOR)
+    assert not page.isVisible() and screens.run.panel.start.text() == "Start"
 
 
 def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screens: Screens) -> None:

@@ -158,7 +158,7 @@ class ParticipantWindow(QWidget):
     """The picture; before it the pages of instructions, and after a block or a controller the questions."""
 
     close_asked = Signal()
-    changed = Signal()  # whether it is seen, so that questions are answered here; or `reads`
+    changed = Signal()  # whether it is seen, so that questions are answered here; or the page of instructions
 
     def __init__(self) -> None:
         super().__init__()
@@ -172,7 +172,7 @@ class ParticipantWindow(QWidget):
         self._snapshot = m.Snapshot(m.PREPARING)
         self.own_start = False  # the person who reads this has the space bar too
         self.leaving = False
-        self._rest_until_s, self._told = 0.0, (False, False)
+        self._rest_until_s, self._told = 0.0, (False, False, 0)
         self._phase, self._since_s, self._early_s = -1, 0.0, -LEFT_EARLY_S
         self.setObjectName("participant")
         self._stack = QStackedLayout(self)
@@ -190,6 +190,7 @@ class ParticipantWindow(QWidget):
         self.questions.show_language(protocol.sentences)
         self.view.mouse = hand_is_mouse(opened)
         self.view.show_obstacles(protocol.obstacle)
+        self.view.trail_shown = protocol.show_trace
         self.view.radii_m = (protocol.trial.start_radius_m, protocol.trial.end_radius_m)
         if not self.view.mouse:
             self.view.show_pointer(None)
@@ -221,11 +222,11 @@ class ParticipantWindow(QWidget):
 
     @property
     def reads(self) -> bool:
-        """Whether instructions are seen that have not all been turned over yet."""
-        return self.isVisible() and self._stack.currentWidget() is self.instructions
+        """Whether instructions are to be read, here or, if this is not seen, on Run."""
+        return self._stack.currentWidget() is self.instructions
 
     def _tell(self) -> None:
-        if (now := (self.isVisible(), self.reads)) != self._told:
+        if (now := (self.isVisible(), self.reads, self.instructions.at)) != self._told:
             self._told = now
             self.changed.emit()
 

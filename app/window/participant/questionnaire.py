@@ -232,12 +232,16 @@ class Instructions(QWidget):
         self._pages, self._language, self.at = pages, language, 0
         self._show()
 
+    def show_page(self, at: int) -> None:
+        """This page, from 0."""
+        self.at = at
+        self._show()
+
     def turn(self) -> bool:
         """To the next page; whether there was one to turn."""
         if self.over:
             return False
-        self.at += 1
-        self._show()
+        self.show_page(self.at + 1)
         return True
 
     def leave(self) -> None:

@@ -13,7 +13,7 @@ from PySide6.QtGui import QResizeEvent
 from app.ipc import messages as m
 from app.window.canvas.force_view import RefreshClock
 from app.window.canvas.linkage_view import Workspace
-from app.window.participant.questionnaire import Questionnaire
+from app.window.participant.questionnaire import Instructions, Questionnaire
 from app.window.participant.tone import NO_SOUND, player
 from app.window.run.actions import Actions, possible
 from app.window.run.commands import Commands
@@ -93,7 +93,7 @@ class RunPage(Page):
     def __init__(self, send: Callable[[object], None]) -> None:
         super().__init__(send)
         self.panel, self.strip, self.live, self.card = Commands(), Strip(), Live(), TrialCard()
-        self.questions = Questionnaire()
+        self.questions, self.instructions = Questionnaire(), Instructions()
         self.large, self.small = OneLine("", "", theme.HEAD, bold=True), OneLine("", "quiet", theme.NORMAL)
         self.notice = FittedLabel(3, theme.SMALL)
         self.recording = text_label("", "sign", theme.TITLE, bold=True)
@@ -129,7 +129,7 @@ class RunPage(Page):
         self._column = holder(column(self.recording, (right, 1), spacing=theme.GAP))
         left = column((self._centre, 1), self.strip, spacing=theme.GAP)
         whole = holder(row((holder(left), 1), self._column, spacing=theme.GAP, margins=(0, 0, 0, FOOT_PX)))
-        self._stack = stack(whole, self.questions)
+        self._stack = stack(whole, self.questions, self.instructions)
         self.setLayout(row(self._stack))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -145,6 +145,7 @@ class RunPage(Page):
             (self.strip.plan.clicked, self._show_cell),
             (self.card.keep.clicked, self._go_on),
             (self.questions.changed, self.answers_changed),
+            (self.instructions.turned, self.turn_asked),
             (self.questions.answered, lambda values: self.send(m.Answers(dict(values)))),
             (self.workspace.view.pointer_moved, self.pointer_moved),
             (self.workspace.view.pointer_left, self.pointer_left),
@@ -227,6 +228,9 @@ class RunPage(Page):
     def to_close(self) -> Callable[[], object] | None:
         return self.cards.to_close()
 
+    def show_instructions(self, at: int) -> None:
+        self.instructions.show_page(at)
+
     def show_answers(self, values: dict[str, int | None]) -> None:
         self.questions.show_values(values)
 
@@ -265,6 +269,7 @@ class RunPage(Page):
         super().show_opened(opened)
         if before is None or before.folder != opened.folder:
             self._judged = {row.run for row in self.snapshot.rows}
+            self.instructions.show_pages(opened.protocol.pages, opened.protocol.sentences)
             self._reading.forget()
         self._shown = None
         if before is None or not same_places(before.protocol, opened.protocol):
@@ -471,8 +476,8 @@ class RunPage(Page):
         snapshot, opened = self.snapshot, self.opened
         if opened is None:
             return
-        asks = snapshot.stage == m.QUESTIONS and not self.participant_answers
-        self._stack.setCurrentIndex(1 if asks else 0)
+        asked = 1 if snapshot.stage == m.QUESTIONS else 2 if self.participant_reads else 0
+        self._stack.setCurrentIndex(0 if self.participant_answers else asked)  # there they are on their own screen
         self.questions.show_feedback(feedback(snapshot, opened))
         self._show_card(opened)
         on_card = self.card_shown

@@ -33,13 +33,16 @@ class Page(QWidget):
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self.participant_answers = False  # the questions stand on the participant's own window
-        self.participant_reads = False  # as do instructions, which come before the first trial
+        self.participant_reads = False  # instructions, which come before the first trial
 
     def answer_consent(self, agrees: bool) -> None:
         """The participant has answered what `consent_asked` asked for."""
 
     def show_answers(self, values: dict[str, int | None]) -> None:
         """The participant has answered a question on their own screen."""
+
+    def show_instructions(self, at: int) -> None:
+        """The page of the instructions at which the participant is, from 0."""
 
     @property
     def says_what_is_wrong(self) -> bool:
