@@ -75,7 +75,7 @@ HARD = [
     Fault("stall 0.4 s", "stall+0.4", (), (SILENT, "no sample for 200 ms")),
     Fault("stall 70 ms", "stall+0.07", (BETWEEN,), (LATE, SILENT)),
     Fault("delay 80 ms", "delay=0.08+0.5", (BETWEEN,), (SILENT, LATE)),
-    Fault("unplug", "unplug+0.5", (), ("it is gone", "the board was unplugged")),
+    Fault("unplug", "unplug+0.5", (), ("it is gone", "nothing listens there", "the board was unplugged")),
     Fault("brown-out", "brown-out+0.1", (), (SILENT, "the supply voltage was too low")),
     Fault("bad encoder", "bad-encoder=A+0.1", (), ("an encoder's signal is bad",)),
     Fault("saturated force sensor", "saturated-force+0.1", (), ("the force sensor is at the end",)),
