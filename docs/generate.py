@@ -65,13 +65,12 @@ def statuses() -> str:
 
 
 def measures() -> str:
-    """The measures that reports show; the names of the others. An arrow says which way is better."""
+    """The measures that reports show. An arrow says which way is better."""
     arrows = {"lower": "↓", "higher": "↑"}
     shown = [one for one in METRICS if one in JUDGED]
     rows = [(f"`{one.name}`", one.unit, arrows[one.better], one.meaning) for one in shown]
-    others = ", ".join(f"`{one.name}`" for one in METRICS if one not in shown)
     found = table(("measure", "unit", "better", "what"), rows)
-    return f"{found}\nAlso (explained in the README that `phd export --csv` writes): {others}.\n"
+    return f"{found}\n`columns.json` of `phd export --csv` explains the other {len(METRICS) - len(shown)}.\n"
 
 
 def verbs() -> str:

@@ -52,16 +52,16 @@ class TrialFile(Table, frozen=True):
 class Release(Table, frozen=True):
     """On a real device: a full lock opens when a hand pushes harder and longer than this (assumed)."""
 
-    on: bool = True  # whether a real device frees a trapped hand,
-    force_N: Push = 30.0  # one that pushes a full lock harder than this
-    time_s: Positive = 1.0  # for this long
+    on: bool = True  # whether a real device frees a trapped hand
+    force_N: Push = 30.0  # a hand is trapped if it pushes a full lock harder than this
+    time_s: Positive = 1.0  # and for longer than this
 
 
 class Cues(Table, frozen=True):
     """Shorter moves than one and longer ones than the other earn the participant a "slower" or a "faster"."""
 
     too_fast_s: Positive  # the participant reads "slower" after a shorter movement
-    too_slow_s: Positive  # and "faster" after a longer one
+    too_slow_s: Positive  # the participant reads "faster" after a longer movement
 
     def __post_init__(self) -> None:
         if not self.too_fast_s < self.too_slow_s:

@@ -74,7 +74,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
     option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
     option = add_verb(
-        verbs, "sensitivity", sensitivity, "vary what the paper does not print: which of its statements hold\n"
+        verbs, "sensitivity", sensitivity, "vary what the paper does not give: find which of its statements hold\n"
         "Each sample is a study of three simulated people by the paper's protocol, without recordings, with values\n"
         "drawn from ranges, and is judged by boxes as the paper judges. Leaves DIR/sensitivity.csv, a row a trial,\n"
         "and DIR/report: in which share of the samples each statement holds, what decides it, which statements\n"

@@ -75,7 +75,7 @@ def test_every_command_of_the_page_runs_and_leaves_what_the_page_names(tmp_path,
     assert said.keys() >= {"new", "check-controller", "run", "verify", *LEFT, "python"}
     medians = load_trials("study-1").query("status == 'done'").groupby(["path", "controller_name"])["path_error_m"]
     for number, row in enumerate(re.findall(r"^\| (?:star|spiral|letter) \| (.*) \|$", steps, re.MULTILINE), 1):
-        found = 1e3 * medians.median()[number][["No control", "Damper", "Stiff guide"]]
+        found = 1e3 * medians.median()[number][["No control", "Soft guide", "Stiff guide", "Damper"]]
         assert found.tolist() == pytest.approx([float(cell) for cell in row.split(" | ")], abs=0.02)
     people, _, tables = BLOCK.search(rest)[3].partition("\n\n")
     Path("people.toml").write_text(f"{people}\n" + Path("experiment.toml").read_text() + tables, encoding="utf-8")
