@@ -11,7 +11,7 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QSlider, QStyle, QWidget
 
 from app.ipc import messages as m
-from app.window.widgets.parts import NO_FOCUS, row, text_label
+from app.window.widgets.parts import TAB_FOCUS, row, text_label
 from core.control.controllers import PARAMETERS, Parameter
 from experiments.plan import grouped
 from experiments.protocol import Protocol
@@ -91,7 +91,7 @@ class DialRow(QWidget):
         super().__init__()
         self.setObjectName("clear")
         self.dial, self.name, self.value = dial, text_label(dial.label), text_label("")
-        self.slider = Slider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=NO_FOCUS)
+        self.slider = Slider(Qt.Orientation.Horizontal, accessibleName=dial.label, focusPolicy=TAB_FOCUS)
         self.slider.setRange(0, dial.slider_position(dial.most))
         self.slider.valueChanged.connect(lambda place: self.changed.emit(dial.value_at(place) / dial.scale))
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)

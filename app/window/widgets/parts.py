@@ -32,6 +32,7 @@ from app.window.widgets import theme
 from app.window.widgets.theme import COLOURS
 
 NO_FOCUS = Qt.FocusPolicy.NoFocus  # of what never takes the keyboard
+TAB_FOCUS = Qt.FocusPolicy.TabFocus  # of what a click leaves the keyboard where it is
 END = Qt.TextElideMode.ElideRight  # where dots stand in place of what has no room
 PART = " · "  # between two parts of a line
 LIST_EDGES_PX = 24  # of a list that drops down: its frame and a scroll bar
@@ -269,8 +270,8 @@ def show_wait(pressed: QPushButton, text: str) -> None:
 
 
 def toggle(text: str, do: Callable[[bool], object], on: bool = False, hint: str = "") -> QPushButton:
-    """A chip that is lit while it is on; it never takes the keyboard."""
-    pressed = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=NO_FOCUS)
+    """A chip that is lit while it is on."""
+    pressed = QPushButton(text, objectName="toggle", checkable=True, checked=on, toolTip=hint, focusPolicy=TAB_FOCUS)
     pressed.toggled.connect(do)
     return pressed
 

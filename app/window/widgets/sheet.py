@@ -33,7 +33,7 @@ QPushButton:hover { border-color: $quiet; }
 QPushButton:focus { border-color: $accent; outline: none; }
 QPushButton:disabled { color: $brake_off; background: $panel; }
 QPushButton#main:enabled { background: $accent_ground; border-color: $accent; }
-QPushButton#main:focus { border-color: $text; }
+QPushButton#main:focus, QPushButton#segment:checked:focus { border-color: $text; }
 QPushButton#brakes { background: $bad; border-color: $bad; color: $on_bad; padding: 6px 10px; }
 QPushButton#brakes-on { background: $panel; border-color: $caution; color: $caution; padding: 6px 10px; }
 QPushButton#brakes:disabled, QPushButton#brakes-on:disabled { background: $panel; border-color: $line;
@@ -45,10 +45,12 @@ QPushButton#segment { padding: 6px 8px; }
 QPushButton#segment:checked:disabled { background: $panel; color: $quiet; border-color: $edge; }
 QPushButton#toggle { background: transparent; color: $quiet; border-radius: 12px; padding: 3px 8px; }
 QPushButton#toggle:checked { background: $field; color: $text; border-color: $edge; }
+QPushButton#toggle:focus { border-color: $text; }
 QPushButton#toggle:disabled { background: transparent; color: $brake_off; border-color: $line; }
 QPushButton#tab { background: transparent; border: none; border-bottom: 3px solid transparent; border-radius: 0;
     padding: 8px 7px; color: $quiet; }
 QPushButton#tab:checked { color: $text; border-bottom-color: $accent; }
+QPushButton#tab:focus { border-bottom-color: $text; }
 QPushButton::menu-indicator { image: none; width: 0; }
 QProgressBar { background: $field; border: none; border-radius: 3px; min-height: 6px; max-height: 6px; }
 QProgressBar::chunk { background: $accent; border-radius: 3px; }
@@ -82,6 +84,7 @@ QSlider { background: transparent; min-height: 20px; }
 QSlider::groove:horizontal { background: $line; height: 4px; border-radius: 2px; }
 QSlider::sub-page:horizontal { background: $accent; height: 4px; border-radius: 2px; }
 QSlider::handle:horizontal { background: $text; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }
+QSlider::handle:horizontal:focus { background: $accent; }
 QSlider::handle:horizontal:disabled, QSlider::sub-page:horizontal:disabled { background: $brake_off; }
 QCheckBox::indicator { width: 16px; height: 16px; border: 1px solid $quiet; border-radius: 3px;
     background: $ground; }
