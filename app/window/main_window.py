@@ -4,6 +4,7 @@ It shows what the session server sends and asks it for what the experimenter wan
 goes straight to the control loop, whichever page is at the front.
 """
 
+import time
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
@@ -46,6 +47,7 @@ PAGES = {
     ANALYSE: ("analyse.analyse_page", "AnalysePage"),
     DEVICE: ("device.device_page", "DevicePage"),
 }
+FRIGHT_S = 1.0
 SMALLEST = (1024, 600)
 RECORDING_PX, FOOT_PX = 300, 48  # wide, at least, the proof of recording; high, the footer
 #: title, text with room for what would be lost, stay, go
@@ -137,6 +139,7 @@ class MainWindow(QWidget):
         self.opened: m.Opened | None = None
         self.snapshot = m.Snapshot(m.PREPARING)
         self._then: object = None  # a command for the session server, once it serves
+        self._off_since_s = 0.0  # when the brakes went off
         self._stake: tuple | None = None  # `_at_stake` when the user closed the window last
         self.dead = self._closing = False
         self.pages: dict[str, Page] = {}
@@ -337,8 +340,15 @@ class MainWindow(QWidget):
     # ------------------------------------------------------------------------------------------- brakes
 
     def _press_brakes(self) -> None:
-        """Zero current goes straight to the control loop, even when the session server is gone."""
-        self.allow_brakes() if self.snapshot.brakes_off else self.client.brakes_off("the button was pressed")
+        """Zero current goes straight to the control loop, even when the session server is gone.
+
+        Our choice: for a second after they went off, a press does not turn them on: it may be one more of a frightened
+        hand.
+        """
+        if not self.snapshot.brakes_off:
+            self.client.brakes_off("the button was pressed")
+        elif time.monotonic() - self._off_since_s > FRIGHT_S:
+            self.allow_brakes()
 
     def allow_brakes(self) -> None:
         if self.snapshot.can_allow:
@@ -396,6 +406,8 @@ class MainWindow(QWidget):
             self.show_page(RUN if begins else HOME)
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
+        if snapshot.brakes_off and not self.snapshot.brakes_off:
+            self._off_since_s = time.monotonic()
         self.snapshot = snapshot
         on_bench = self.opened is not None and self.opened.real_device
         if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.session_blocker(on_bench):

@@ -33,7 +33,7 @@ from experiments.store.files import (
     sessions_in,
 )
 from experiments.store.journal import journal_summary
-from experiments.store.stored import protocol_texts, read_stored
+from experiments.store.stored import protocol_and_hand, read_stored
 
 
 class Results(NamedTuple):
@@ -51,6 +51,7 @@ class Results(NamedTuple):
     note: str = ""  # stands on every figure
     protocol: str = ""  # its name
     own: tuple[Metric, ...] = ()  # measures of the protocols' own files
+    hands: tuple[str, ...] = ()  # what moved the handle, of `experiments.inputs`
     problems: tuple[str, ...] = ()  # what could not be read
 
 
@@ -79,7 +80,7 @@ def _of_sessions(folder: Path, there: Sessions) -> Results:
         with _noting(problems):
             rows += [row.in_folder(place) for row in sorted(rows_of(session), key=lambda row: row.run)]
     trials = as_table(rows)
-    planned, protocols = _plans_and_protocols(sessions, problems)
+    planned, protocols, hands = _plans_protocols_and_hands(sessions, problems)
     own: dict[str, Metric] = {}
     for protocol in protocols:
         with _noting(problems):
@@ -106,23 +107,29 @@ def _of_sessions(folder: Path, there: Sessions) -> Results:
         " / ".join(dict.fromkeys(protocol.note() for protocol in protocols)),
         " and ".join(dict.fromkeys(protocol.name for protocol in protocols)),
         tuple(own.values()),
+        hands,
         tuple(problems),
     )
 
 
-def _plans_and_protocols(sessions: Sequence[Path], problems: list[str]) -> tuple[dict[str, int], list[Protocol]]:
-    """Participant -> trials of the plan; and each protocol that sessions follow, once. Adds to `problems`."""
+def _plans_protocols_and_hands(
+    sessions: Sequence[Path], problems: list[str]
+) -> tuple[dict[str, int], list[Protocol], tuple[str, ...]]:
+    """Participant -> trials of the plan; each protocol and each hand of the sessions, once. Adds to `problems`."""
     planned: dict[str, int] = {}
+    hands: dict[str, None] = {}
     texts: dict[str, Path] = {}  # a protocol, as stored -> a session that follows it
     for session in sessions:
         with contextlib.suppress(InputError):  # `phd verify` names what is wrong
             planned[session.parent.name.removeprefix("sub-")] = planned_trials(session)
-            texts.setdefault(json.dumps(protocol_texts(session), sort_keys=True), session)
+            protocol, hand = protocol_and_hand(session)
+            texts.setdefault(json.dumps(protocol, sort_keys=True), session)
+            hands[hand] = None
     protocols = []
     for session in texts.values():
         with _noting(problems):
             protocols.append(read_stored(session).protocol)
-    return planned, protocols
+    return planned, protocols, tuple(hands)
 
 
 @contextlib.contextmanager

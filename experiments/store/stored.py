@@ -88,10 +88,11 @@ def protocol_in(stored: Stored, about: dict[str, Any]) -> Protocol:
         return protocol_from_json(_with_texts(stored, about), str(stored.path))
 
 
-def protocol_texts(session: Path) -> dict[str, Any]:
-    """The protocol of a session as JSON, with its files in full; for comparing. InputError: it cannot be read."""
+def protocol_and_hand(session: Path) -> tuple[dict[str, Any], str]:
+    """The protocol of a session as JSON, with its files in full; what moved the handle. InputError: cannot be read."""
     with reading_stored(session / DATABASE), reading(session) as stored:
-        return _with_texts(stored, about_in(stored))
+        about = about_in(stored)
+        return _with_texts(stored, about), about["hand"]
 
 
 def _with_texts(stored: Stored, about: dict[str, Any]) -> dict[str, Any]:
@@ -180,6 +181,6 @@ def other_protocol(data_dir: Path, participant: str, protocol: Protocol) -> str:
     ]
     for file in sorted(others, key=lambda file: file.stat().st_mtime, reverse=True):
         with contextlib.suppress(InputError):  # one that cannot be read does not count
-            same = protocol_texts(file.parent) == protocol_to_json(protocol)
+            same = protocol_and_hand(file.parent)[0] == protocol_to_json(protocol)
             return "" if same else file.parents[1].name.removeprefix("sub-")
     return ""

@@ -16,6 +16,7 @@ from tried import tried
 from waiting import wait_until
 
 from app.ipc import messages as m
+from app.window import main_window
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, HOME, RUN
@@ -107,6 +108,19 @@ def test_the_brakes_button_always_names_its_key_and_escape_always_does_what_it_s
         screens.client.off_causes.clear()
         screens.press(KEY.Key_Escape)
         assert len(screens.client.off_causes) == sends and screens.main.cards.question is None, said.stage
+
+
+def test_one_more_press_of_a_frightened_hand_does_not_turn_the_brakes_on_again(screens: Screens, monkeypatch) -> None:
+    main, button = screens.main, screens.main.preflight.brakes
+    screens.hear(opened(), ready(3))
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    screens.hear(ready(3, brakes_off="the button was pressed"))
+    screens.client.sent.clear()
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    assert screens.client.sent == []
+    monkeypatch.setattr(main_window, "FRIGHT_S", 0.0)
+    QTest.mouseClick(main.preflight.brakes, Qt.MouseButton.LeftButton)
+    assert screens.client.sent == [m.AllowBrakes()]
 
 
 def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:

@@ -115,7 +115,7 @@ STATES = {
         "Pause after this trial", sends={"Space": []},
     ),
     "recorded": Row((opened(), pulse(), runs()), "● Recording", "Not recording"),
-    "over": Row((opened(), pulse(), runs(), pulse(""), ready(1)), "Not recording"),
+    "over": Row((opened(), pulse(), runs(), pulse(""), ready(1)), "Not recording · saved"),
     "second try": Row(
         (opened(), runs(2, running=SECOND, rows=(result(PLAN[0]), result(PLAN[1], "redone")))),
         "Trial 2 of 60, second try | three-brake", sends={"Space": []},

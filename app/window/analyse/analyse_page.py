@@ -58,6 +58,7 @@ from experiments.analysis.statistics import people_of
 from experiments.analysis.trials_table import STATUSES, TrialRow, Trials, as_rows
 from experiments.atomic_files import first_free, partial_name
 from experiments.export.results import Results, ResultsJob, read_results
+from experiments.inputs import INPUTS
 from experiments.plan import counted
 from experiments.store.cells import finished_cells, trial_names
 from experiments.store.files import relative_to
@@ -463,4 +464,5 @@ def source_of(results: Results, trials: "Trials | None") -> str:
     to_do = sum(results.planned.values()) - done
     parts = [f"Results of {from_home(results.folder)}", which, f"{counted(len(shown), 'trial')} shown"]
     left = [f"not shown: {', '.join(why)}" if why else "", f"still to do: {to_do}" if to_do > 0 else ""]
-    return PART.join(filter(None, [*parts, *left]))
+    moved = ", ".join(INPUTS[hand].title.lower() for hand in results.hands if hand in INPUTS)
+    return PART.join(filter(None, [*parts, *left, f"moved by: {moved}" if moved else ""]))

@@ -361,7 +361,10 @@ class RunPage(Page):
         """What the newest proof says, which comes before its snapshot."""
         snapshot, proof = self.snapshot, self._proof
         runs = snapshot.running is not None and snapshot.sandbox is None
-        look, text = "sign", "Practice" if snapshot.practice and runs else "Not recording"
+        saved = snapshot.newest is not None and snapshot.newest.recording and not snapshot.not_written
+        look, text = "sign", f"Not recording{f'{PART}saved' * bool(saved)}"
+        if snapshot.practice and runs:
+            text = "Practice"
         if proof is not None and runs:
             late = "sign-late", f"▲ Last write {proof.age_s:.0f} s ago"
             look, text = late if proof.late else ("sign-on", "● Recording")
@@ -456,7 +459,8 @@ class RunPage(Page):
         if not notice and snapshot.stage == m.READY and not advice(snapshot):
             silent = opened.protocol.tones and not snapshot.rows and player() is None  # once, before the first trial
             notice = snapshot.trial_blocker or (READS if self.participant_reads else NO_SOUND if silent else "")
-        theme.set_style(self.notice, "bad" if bad else "hint" if snapshot.notice else "caution")
+        mild = snapshot.notice and not snapshot.brakes_off
+        theme.set_style(self.notice, "bad" if bad else "hint" if mild else "caution")
         self.notice.show_text("" if snapshot.stage == m.FAILED else notice)  # there the strip says it
         self.notice.setVisible(bool(self.notice.text()))
 

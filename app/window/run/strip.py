@@ -145,8 +145,7 @@ class Strip(Panel):
             lines.append([("Speed", COLOURS.quiet), speed, ("m/s", COLOURS.quiet)])
         if not self.currents.isHidden():
             if not unfolded:
-                unit = (self.currents.unit, COLOURS.quiet)
-                lines.append([("Currents", COLOURS.quiet), *self.currents.figures.parts, unit])
+                lines.append([(f"Currents, {self.currents.unit}:", COLOURS.quiet), *self.currents.figures.parts])
             energy = self.ledger.whole if unfolded else self.ledger.short
             lines.append([("Energy", COLOURS.quiet), *energy])
         self.figures.show_parts(*self._fitting(lines))

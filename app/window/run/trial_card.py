@@ -23,7 +23,7 @@ from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
-NO_FLAGS = "No flags"
+NO_FLAGS = "Usable: nothing was late or flagged"
 GRAPH_PX = 52  # high, of a measure's axis
 
 
@@ -81,7 +81,7 @@ class TrialCard(QWidget):
         self.legend = wrapped_label("", "quiet", theme.SMALL)
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.measures = [Measure(metric) for metric in DRAWN]
-        self.flags = wrapped_label("", "quiet")
+        self.flags = wrapped_label()
         self.keep = key_button("Keep", "start", "main")
         self.keep.setMinimumHeight(MAIN_PX)
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
@@ -117,7 +117,7 @@ class TrialCard(QWidget):
         for measure in self.measures:
             measure.show_values(row, same, [other for other in here if other not in same], colour)
         flags = [f"▲ {flag}" for flag in trial_flags(row, ticks)]
-        theme.set_style(self.flags, "caution" if flags else "quiet")
+        theme.set_style(self.flags, "caution" if flags else "")
         late = Punctuality().plus(ticks) if ticks is not None else Punctuality()
         if late.usable and late.missed:
             flags.append(late.words)
