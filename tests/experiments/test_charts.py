@@ -28,7 +28,7 @@ from experiments.analysis.trials_table import as_table
 from experiments.atomic_files import first_free
 from experiments.export.results import ResultsJob, read_results
 from experiments.export.results_files import write_results
-from experiments.inputs import MOUSE
+from experiments.inputs import OPERATOR
 from experiments.store.cells import trial_names
 from experiments.store.recording import read_recording
 from experiments.store.stored import read_stored
@@ -108,7 +108,7 @@ def test_a_data_folder_a_session_and_a_bare_table_can_all_be_looked_at(data, tmp
     whole, one = read_results(data), read_results(data / "sub-01" / "ses-01")
     assert list(whole.trials["status"]) == ["redone", "excluded", "done"] and whole.planned == {"01": 20}
     assert whole.controllers and whole.lengths[1] > 0.0 and "assumed" in whole.note and not whole.problems
-    assert whole.hands == (MOUSE,) == one.hands
+    assert whole.hands == (OPERATOR,) == one.hands
     for results in (whole, one):
         assert all((results.folder / name).exists() for name in results.trials["recording"])
     write_rows(tmp_path / "trials.csv", study())
