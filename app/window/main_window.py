@@ -347,7 +347,7 @@ class MainWindow(QWidget):
         """
         if not self.snapshot.brakes_off:
             self.client.brakes_off("the button was pressed")
-        elif time.monotonic() - self._off_since_s > FRIGHT_S:
+        elif time.perf_counter() - self._off_since_s > FRIGHT_S:
             self.allow_brakes()
 
     def allow_brakes(self) -> None:
@@ -407,7 +407,7 @@ class MainWindow(QWidget):
 
     def show_snapshot(self, snapshot: m.Snapshot) -> None:
         if snapshot.brakes_off and not self.snapshot.brakes_off:
-            self._off_since_s = time.monotonic()
+            self._off_since_s = time.perf_counter()
         self.snapshot = snapshot
         on_bench = self.opened is not None and self.opened.real_device
         if self._then is not None and snapshot.stage == m.NO_SESSION and not snapshot.session_blocker(on_bench):

@@ -40,6 +40,7 @@ LONGEST_S = 120.0
 SETTLED_S = 0.12  # after which a window has laid itself out at another size
 COLOURS, AS_THEY_ARE = 256, 64
 FILM, FILM_S = (960, 540), 0.1  # pixels; from frame to frame
+LAST_MS = 2000  # for which the last frame stays
 FRAME_S = 0.016
 OPERATORS = 6
 
@@ -257,14 +258,21 @@ def shoot(window: QWidget, name: str) -> None:
 def film(window: QWidget, name: str, ended: Callable[[], bool]) -> None:
     """Take a moving picture until then; it is written as NAME.gif, in few colours."""
     frames = []
-    while not ended():
+
+    def take() -> None:
         frames.append(rgb(window.grab().toImage().scaled(*FILM, mode=Qt.TransformationMode.SmoothTransformation)))
+
+    while not ended():
+        take()
         until(lambda: after(FILM_S) or ended())
+    until(lambda: after(FILM_S))  # the last frame has what the end brings, and stays
+    take()
     middle = Image.fromarray(frames[len(frames) // 2])
     first = middle.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=3)  # small areas keep their colours
     pictures = [Image.fromarray(frame).quantize(palette=first, dither=Image.Dither.NONE) for frame in frames]
+    times_ms = [*(len(frames) - 1) * [round(1e3 * FILM_S)], LAST_MS]
     file = HERE / f"{name}.gif"
-    pictures[0].save(file, save_all=True, append_images=pictures[1:], duration=round(1e3 * FILM_S), loop=0)
+    pictures[0].save(file, save_all=True, append_images=pictures[1:], duration=times_ms, loop=0)
     print(f"{file.name} {len(frames)} frames, {file.stat().st_size} bytes")
 
 
