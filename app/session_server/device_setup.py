@@ -204,9 +204,11 @@ class RealSetup:
                 case jobs.HomeSet(tip):
                     self._homed = {"tip_m": tip, "board": self.status.board if self.status else ""}
                     write(HOMED, **self._homed)
+                    notify("")  # why it was refused before is true no more
                 case jobs.Zeroed(record):
                     self._zero = record._asdict()
                     write(ZEROED, **self._zero)
+                    notify("")
                 case jobs.NotDone(why):
                     notify(f"{why[0].upper()}{why[1:]}.", bad=True)
 

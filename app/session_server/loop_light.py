@@ -58,6 +58,6 @@ class LoopLight:
         if not missed and not blocks:
             return "1 kHz", ""
         text = f"late: {counted(missed, 'tick')} missed in the last {WINDOW_S:g} s" if missed else "cannot keep up"
-        again = f"A trial can start after {CALM_S:g} s without a missed tick." if blocks else ""
+        again = f"The next trial can start after {CALM_S:g} s without a missed tick." if blocks else ""
         privilege = "" if scheduling.real_time else ADVICE
         return text, " ".join(filter(None, ("Ticks come late: close other programs.", again, privilege)))

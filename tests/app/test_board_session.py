@@ -128,6 +128,7 @@ def test_homing_in_a_wrong_jig_is_named_by_its_distance_and_done_only_by_somebod
     on_bench.send(m.PrepareDevice(m.HOME, sure=True))
     on_bench.until(lambda: on_bench.status.homed_at > before)
     assert math.dist(on_bench.status.tip, jig) < 1e-3
+    on_bench.until(lambda s: s.notice == "")  # what was asked is answered
     again = on_bench.status.homed_at
     on_bench.send(m.PrepareDevice(m.HOME))  # in its place: nothing is asked
     on_bench.until(lambda: on_bench.status.homed_at > again)

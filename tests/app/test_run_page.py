@@ -126,8 +126,8 @@ STATES = {
     ),
     # the card
     "card": Row(
-        (opened(), runs(3), ready(4)), "Trial 4 done in 2.4 s | three-brake | Keep, start next trial",
-        offers=f"{ON_CARD} | Keep, start next trial", sends={"Space": [m.Start()]},
+        (opened(), runs(3), ready(4)), "Trial 4 done in 2.4 s | three-brake | Keep, start trial 5",
+        offers=f"{ON_CARD} | Keep, start trial 5", sends={"Space": [m.Start()]},
     ),
     "card, paused": Row((opened(), runs(1), ready(2, paused=True)), "Keep", offers=f"{ON_CARD} | Keep",
                         sends={"Space": []}),

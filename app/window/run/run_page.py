@@ -54,7 +54,7 @@ SIGN_PX, HEAD_PX, FOOT_PX = 40, 52, 12  # high: the sign of recording, the head,
 #: Our choice: curves and energies go on with every third frame, twenty times a second and by two or three pixels,
 #: which is as smooth as they can be read; only what follows the hand goes on with every frame.
 PANELS_EVERY = 3
-KEEP, KEEP_AND_START, CLOSE = "Keep", "Keep, start next trial", "Close"  # what Space does with the card
+KEEP, CLOSE = "Keep", "Close"  # what Space does with the card
 WRITING = "One moment …"
 #: action -> its question, what its button says while it is done, the command for a trial and the answer
 ASKED: dict[str, tuple[Ask, str, Callable[..., object]]] = {
@@ -489,7 +489,9 @@ class RunPage(Page):
         self.panel.offer(snapshot, self.can, on_card, self.participant_reads)
         self.strip.show_session(opened, snapshot)
         self.cards.show_session(opened, snapshot, self)
-        keep = CLOSE if self._earlier is not None else KEEP_AND_START if self.can.start else KEEP
+        keep = CLOSE if self._earlier is not None else KEEP
+        if keep == KEEP and self.can.start and snapshot.coming is not None:
+            keep = f"Keep, start {trial_name(snapshot.coming, opened.plan, snapshot.rows)}"
         if keep == KEEP and snapshot.stage == m.FINISHED:
             keep = ""  # nothing comes after it
         self.card.offer(self.can, keep, has_space=self.cards.notice is None)

@@ -87,7 +87,7 @@ class TrialCard(QWidget):
         self.redo, self.exclude = key_button("Repeat …", "redo"), key_button("Exclude …", "exclude")
         self.asks = {"redo": self.redo, "exclude": self.exclude}
         self._decide = column(self.keep, self.redo, self.exclude)
-        self._layout = column(*self.measures, self.own, self.legend, self.flags, 1, self._decide, spacing=10)
+        self._layout = column(*self.measures, self.own, self.legend, 1, self.flags, self._decide, spacing=10)
         self.setLayout(self._layout)
         self.setMinimumHeight(1)  # it hides what has no room, and asks for none
 
