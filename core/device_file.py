@@ -80,8 +80,8 @@ class BrakeFile(Table, frozen=True, kw_only=True):
     k: tuple[float, Torque, float, float, float] | None = None  # [k_1, .., k_5] of Eq. (2); this or `torque_table`
     torque_table: tuple[tuple[TableCurrent, Torque], ...] | None = None  # [[A, N m], ..]: 2 to 24 rising points from 0
     knee_A: NotNegative = 0.2  # of Eq. (2)
-    omega_0_rpm: Positive = 8.0  # of Eq. (4)
-    floor_rpm: Positive = 0.125  # speed below which the time constant no longer changes
+    omega_0_rpm: Positive = 8.0  # of Eq. (4); assumed
+    floor_rpm: Positive = 0.125  # speed below which the time constant no longer changes; assumed
     rise: TimeConstant
     fall: TimeConstant
     backlash_deg: Annotated[float, msgspec.Meta(ge=0, lt=360)] = 0.0  # inside it only the torque without current acts

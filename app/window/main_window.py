@@ -47,7 +47,7 @@ PAGES = {
     ANALYSE: ("analyse.analyse_page", "AnalysePage"),
     DEVICE: ("device.device_page", "DevicePage"),
 }
-FRIGHT_S = 1.0
+TURN_ON_AFTER_S = 1.0  # since the brakes went off, by the button. Our choice
 SMALLEST = (1024, 600)
 RECORDING_PX, FOOT_PX = 300, 48  # wide, at least, the proof of recording; high, the footer
 #: title, text with room for what would be lost, stay, go
@@ -342,12 +342,11 @@ class MainWindow(QWidget):
     def _press_brakes(self) -> None:
         """Zero current goes straight to the control loop, even when the session server is gone.
 
-        Our choice: for a second after they went off, a press does not turn them on: it may be one more of a frightened
-        hand.
+        A press just after they went off does not turn them on: a frightened hand presses twice.
         """
         if not self.snapshot.brakes_off:
             self.client.brakes_off("the button was pressed")
-        elif time.perf_counter() - self._off_since_s > FRIGHT_S:
+        elif time.perf_counter() - self._off_since_s > TURN_ON_AFTER_S:
             self.allow_brakes()
 
     def allow_brakes(self) -> None:

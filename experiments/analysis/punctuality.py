@@ -7,8 +7,8 @@ import numpy as np
 from core import tick_log
 from experiments.plan import counted, grouped
 
-#: Our choice, also in docs/accuracy-and-timing.md: a trial is usable if less than this share of its movement's ticks
-#: was missed and none came later than this.
+#: Our choice, also in docs/accuracy-and-timing.md: a trial is usable if at most this share of its movement's ticks was
+#: missed and none came later than this.
 MISSED_SHARE, LATEST_US = 0.01, 20e3
 
 

@@ -1,5 +1,6 @@
 """The window around the pages, on a fake bench: lights, keys, footer, help, what closing asks, the server's end."""
 
+import math
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -110,16 +111,17 @@ def test_the_brakes_button_always_names_its_key_and_escape_always_does_what_it_s
         assert len(screens.client.off_causes) == sends and screens.main.cards.question is None, said.stage
 
 
-def test_one_more_press_of_a_frightened_hand_does_not_turn_the_brakes_on_again(screens: Screens, monkeypatch) -> None:
-    main, button = screens.main, screens.main.preflight.brakes
+def test_a_second_press_just_after_the_brakes_went_off_does_not_turn_them_on(screens: Screens, monkeypatch) -> None:
+    button = screens.main.preflight.brakes
+    monkeypatch.setattr(main_window, "TURN_ON_AFTER_S", math.inf)
     screens.hear(opened(), ready(3))
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     screens.hear(ready(3, brakes_off="the button was pressed"))
     screens.client.sent.clear()
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     assert screens.client.sent == []
-    monkeypatch.setattr(main_window, "FRIGHT_S", 0.0)
-    QTest.mouseClick(main.preflight.brakes, Qt.MouseButton.LeftButton)
+    monkeypatch.setattr(main_window, "TURN_ON_AFTER_S", 0.0)
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
     assert screens.client.sent == [m.AllowBrakes()]
 
 

@@ -1,7 +1,21 @@
 """The Run page and the window around it: what they show and offer in each state of a session, and what a key sends."""
 
 import pytest
-from fake_client import GREEN, LONG_BREAK, PLAN, PRESETS, RED, before, movement, opened, paper, pulse, ready, result
+from fake_client import (
+    GREEN,
+    LONG_BREAK,
+    PLAN,
+    PRESETS,
+    RED,
+    before,
+    movement,
+    opened,
+    paper,
+    pulse,
+    ready,
+    result,
+    ticks,
+)
 from fake_client import running as runs
 from page_table import Row, check, press, read
 from PySide6.QtCore import Qt
@@ -337,6 +351,21 @@ def click_trial(screens: Screens, run: int) -> None:
     settle(screens.main)
     plan = screens.run.strip.plan
     QTest.mouseClick(plan, Qt.MouseButton.LeftButton, pos=plan.cells[run].center().toPoint())
+
+
+@pytest.mark.parametrize(
+    ("status", "given", "said"),
+    [("done", 16, "Usable: nothing"), ("excluded", 16, "Nothing was late"), ("done", 0, "is not known"),
+     ("done", None, "is not known")],
+)  # fmt: skip
+def test_a_trial_is_called_usable_only_where_its_ticks_were_looked_at_and_it_counts(
+    screens: Screens, status: str, given: int | None, said: str
+) -> None:
+    screens.hear(opened(), ready(1))
+    rows = None if given is None else ticks(tick_log.MOVE, given)
+    screens.run.card.show_row(result(PLAN[0], status), [], rows, opened(), ready(1))
+    text = screens.run.card.flags.text()
+    assert said in text and ("Usable" in text) == (said.startswith("Usable"))
 
 
 def test_a_cell_of_the_plan_opens_the_card_of_its_trial_with_its_own_flags_and_space_closes_it(

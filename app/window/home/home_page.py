@@ -389,10 +389,10 @@ class HomePage(Page):
         """The checks of what was chosen: device and hand of another session server are not looked at yet."""
         other = not self._same_setup or self._no_board
         others = ("Device", "Hand", m.FORCE_SENSOR) if other else ()
-        late = self.snapshot.running is None  # the header says so, too: here it matters to no trial
+        idle = self.snapshot.running is None  # a late loop matters to no trial then; the header says it, too
         return tuple(
             c for c in self.snapshot.checks
-            if c.name not in others and not (late and c.name == "Loop" and c.state == m.CAUTION)
+            if c.name not in others and not (idle and c.name == "Loop" and c.state == m.CAUTION)
         )  # fmt: skip
 
     @property

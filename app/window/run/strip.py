@@ -20,7 +20,7 @@ from app.window.widgets.parts import (
     row,
     stack,
 )
-from app.window.widgets.plots import TimingStrip, Trace, currents_of
+from app.window.widgets.plots import NOTHING, TimingStrip, Trace, currents_of
 from app.window.widgets.preflight import Banner, wrong
 from app.window.widgets.theme import COLOURS, text_width
 from app.window.widgets.words import LACKING, minutes, to_go
@@ -81,9 +81,9 @@ class Strip(Panel):
         self._base.setCurrentIndex(int(bool(said)))
         self._lines.setCurrentIndex(int(snapshot.running is not None))
         if snapshot.running is not None and any(c.name == "Loop" and c.state == m.BAD for c in snapshot.checks):
-            self._unfoldedby_itself()
+            self._unfold_by_itself()
 
-    def _unfoldedby_itself(self) -> None:
+    def _unfold_by_itself(self) -> None:
         """Something is wrong with the running trial that the curves show; once a trial, for it may be closed again."""
         if not self._opened_by_itself:
             self._opened_by_itself = True
@@ -112,7 +112,7 @@ class Strip(Panel):
         self.ledger.add(rows)
         self.late = self.late.plus(rows)
         if self.ledger.is_violated:
-            self._unfoldedby_itself()
+            self._unfold_by_itself()
 
     def add(self, t: np.ndarray, rows: np.ndarray) -> None:
         """As `Live.add`."""
@@ -139,7 +139,8 @@ class Strip(Panel):
         """In a line each what no curve shows; where none is shown, speed and currents too."""
         unfolded = not self.curves.isHidden()
         colour = COLOURS.text if self.late.usable else COLOURS.caution
-        lines: list[Parts] = [[("Loop", COLOURS.quiet), (self.late.words or "in time since go", colour)]]
+        in_time = "in time since go" if self.late.ticks else NOTHING
+        lines: list[Parts] = [[("Loop", COLOURS.quiet), (self.late.words or in_time, colour)]]
         if not unfolded:
             speed = self.speed.figures.parts[0]
             lines.append([("Speed", COLOURS.quiet), speed, ("m/s", COLOURS.quiet)])

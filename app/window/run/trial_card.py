@@ -23,7 +23,7 @@ from experiments.analysis.trials_table import COUNTED, TrialRow, trial_flags
 
 IGNORE_SPACE_S = 0.5  # Space is not heard for so long after a trial: it may be meant for something else
 EARLIER_ALPHA = 0.5
-NO_FLAGS = "Usable: nothing was late or flagged"
+UNREAD = "Its ticks are not here: whether they came in time is not known"
 GRAPH_PX = 52  # high, of a measure's axis
 
 
@@ -65,6 +65,13 @@ class Measure(QWidget):
         self.end = max(self.end, range_for(1.05 * highest, 1.0))
         self.graph.setXRange(0.0, self.end, padding=0.03)
         self.graph.getPlotItem().getAxis("bottom").setTicks([[(0.0, "0"), (self.end, f"{self.end:g}")]])
+
+
+def nothing_amiss(row: TrialRow, ticks: np.ndarray | None) -> str:
+    """What is said of a trial without a flag."""
+    if ticks is None or not len(ticks):
+        return UNREAD
+    return f"{'Usable: nothing' if row.status == 'done' else 'Nothing'} was late or flagged"
 
 
 class TrialCard(QWidget):
@@ -121,7 +128,7 @@ class TrialCard(QWidget):
         late = Punctuality().plus(ticks) if ticks is not None else Punctuality()
         if late.usable and late.missed:
             flags.append(late.words)
-        self.flags.setText("\n".join(flags) or NO_FLAGS)
+        self.flags.setText("\n".join(flags) or nothing_amiss(row, ticks))
         self._make_room()
 
     def _colour(self) -> None:
