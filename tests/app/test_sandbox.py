@@ -71,8 +71,8 @@ def moves(ticks: int):
 
 
 def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
-    drive(window, lambda s, _: len(s.sandbox.passes) == 2)
-    first, second = window.snapshot.sandbox.passes
+    drive(window, lambda s, _: len(s.sandbox.passes) >= 2)  # a busy machine may measure two at once
+    first, second = window.snapshot.sandbox.passes[:2]
     assert (first.number, second.number) == (1, 2) and not first.changed and first.status == "done"
     for measure in ("path_error_m", "mean_tip_force_N", "acceleration_weighted_rms_m_s2", "duration_s"):
         found = first.measures[measure]
@@ -132,12 +132,13 @@ def test_with_encoders_the_controller_knows_the_path_error_a_count_and_a_sample_
 
 def test_a_change_on_the_way_is_noted_and_one_before_the_movement_is_not(window: LocalWindow) -> None:
     change(window, brake_strength=0.9)
-    drive(window, lambda s, _: len(s.sandbox.passes) == 1)
+    drive(window, lambda s, _: s.sandbox.passes)
     drive(window, moves(100))
     change(window, brake_strength=0.5)
-    drive(window, lambda s, _: len(s.sandbox.passes) == 2)
-    assert [one.changed for one in window.snapshot.sandbox.passes] == [False, True]
-    assert [one.settings.brake_strength for one in window.snapshot.sandbox.passes] == [0.9, 0.5]
+    drive(window, lambda s, _: any(one.changed for one in s.sandbox.passes))
+    ended = window.snapshot.sandbox.passes
+    (at,) = (place for place, one in enumerate(ended) if one.changed)
+    assert at > 0 and [one.settings.brake_strength for one in ended] == at * [0.9] + (len(ended) - at) * [0.5]
 
 
 def test_weaker_brakes_hold_less(window: LocalWindow) -> None:
@@ -147,7 +148,7 @@ def test_weaker_brakes_hold_less(window: LocalWindow) -> None:
         change(window, brake_strength=strength)
         begun = len(window.snapshot.sandbox.passes)
         seen = len(window.rows)
-        drive(window, lambda s, _, begun=begun: len(s.sandbox.passes) == begun + 1)
+        drive(window, lambda s, _, begun=begun: len(s.sandbox.passes) > begun)
         rows = window.rows[seen:]
         peaks.append(np.abs(rows[:, tick_log.TORQUE : tick_log.TORQUE + 4]).max())
     assert peaks[1] <= 0.2 * 5.3 + 1e-9 < peaks[0]  # K(I_max) of the shipped brake: 5.3 N m
@@ -218,7 +219,7 @@ def test_a_handle_that_is_let_go_at_any_speed_in_any_direction_comes_to_rest_on_
     ledger = window.client.state.sandbox.simulation.ledger()
     assert abs(ledger.residual) < 1e-6 * ledger.work_hand and ledger.added_by_brakes < 1e-9
     done = len(window.snapshot.sandbox.passes)
-    drive(window, lambda s, _: len(s.sandbox.passes) == done + 1)  # and there it can be touched
+    drive(window, lambda s, _: len(s.sandbox.passes) > done)  # and there it can be touched
 
 
 def test_in_the_movement_nobody_has_a_handle_that_was_let_go_until_it_is_brought_back(window: LocalWindow) -> None:
@@ -333,8 +334,8 @@ def test_a_slave_and_a_controller_of_ones_own_can_be_tried(tmp_path, added) -> N
     (tmp_path / "own.toml").write_text(load_protocol("paper").text + added)
     with trying(Setup(tmp_path / "data", str(tmp_path / "own.toml"), ("three-brake",), sync=False)) as opened:
         change(opened, controller=6, parameters={"gap_m": 0.002})
-        drive(opened, lambda s, _: len(s.sandbox.passes) == 1)
-        (one,) = opened.snapshot.sandbox.passes
+        drive(opened, lambda s, _: s.sandbox.passes)
+        one = opened.snapshot.sandbox.passes[0]
         assert one.status == "done" and one.settings.controller == 6 and one.measures["path_error_m"] < 0.01
 
 
