@@ -359,7 +359,8 @@ def trend(trials: Trials, measure: str) -> list[Result]:
 
 def _within_tasks(trials: Trials, *columns: str) -> np.ndarray:
     """The columns, each less its mean in the task, task by task."""
-    tasks = [task[list(columns)].to_numpy(dtype=float) for _, task in trials.groupby(TASK, sort=False)]
+    values, number = trials[list(columns)].to_numpy(dtype=float), trials.groupby(TASK, sort=False).ngroup().to_numpy()
+    tasks = [values[number == task] for task in range(number.max(initial=-1) + 1)]
     return np.concatenate([task - task.mean(axis=0) for task in tasks]).T if tasks else np.empty((len(columns), 0))
 
 

@@ -1,6 +1,7 @@
 """Protocols for tests: the paper's, and the paper's with some lines of its file changed."""
 
 import re
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,8 +31,10 @@ def assuming(lines: str, text: str = PAPER.text) -> str:
 
 
 def protocol_of(text: str) -> Protocol:
-    """The protocol of a text with the paper's devices."""
-    return protocol_from_json({**protocol_to_json(PAPER), "text": text}, "test")
+    """The protocol of a text with those of the paper's devices that it names."""
+    about, names = protocol_to_json(PAPER), tomllib.loads(text)["devices"]
+    devices = [device for device in about["devices"] if device["name"] in names]
+    return protocol_from_json({**about, "text": text, "devices": devices}, "test")
 
 
 def short(blocks: int = 1, paths: int = 2, **values: str) -> Protocol:
