@@ -232,7 +232,7 @@ def test_what_was_changed_in_one_protocol_is_not_lost_unasked_where_another_is_t
     shown.page.to_close()()
     page.take_protocol("displays")
     shown.click(page.edit)
-    assert page.stack.currentWidget() is page.columns and "Paper protocol, a copy, has changes" in shown.texts()
+    assert page.stack.currentWidget() is page.columns and "Paper protocol, a copy: its changes" in shown.texts()
     page.cards.question.buttons[0].click()
     assert page.stack.currentWidget() is editor and "# mine" in editor.text.toPlainText()
     page.to_close()()

@@ -49,7 +49,7 @@ class Editing(PageDriver):
 
     def save_as(self, monkeypatch, path: Path | str) -> None:
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *asked: self.asked.append(asked) or (str(path), ""))
-        QTest.mouseClick(self.editor.save, LEFT)
+        QTest.mouseClick(self.editor.save_as, LEFT)
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def test_changes_stay_until_they_are_saved_or_undone(editing: Editing) -> None:
     editing.put("blocks = 3", "blocks = 2")
     editing.editor.open("paper")  # back, and edit again
     editing.read("= 40 trials")
-    assert editing.editor.changed
+    assert editing.editor.changed and editing.editor.title.text() == "Paper protocol, a copy, not saved"
     editing.editor.undo()
     editing.read("= 60 trials")
-    assert not editing.editor.changed
+    assert not editing.editor.changed and editing.editor.title.text() == "Paper protocol, a copy"

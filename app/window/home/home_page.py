@@ -248,7 +248,7 @@ class HomePage(Page):
         return self._show_columns if asked else None
 
     def unsaved(self) -> str:
-        return f"what was changed in the editor ({self.editor.title.text()})" if self.editor.changed else ""
+        return f"what was changed in the editor ({self.editor.what})" if self.editor.changed else ""
 
     def keys(self) -> dict[str, Callable[[], object]]:
         return {"save": self.editor.save_now} if self.stack.currentWidget() is self.editor else {}
@@ -539,7 +539,7 @@ class HomePage(Page):
         if not self.editor.changed or self.editor.name == self.chosen.protocol:
             self._edit_chosen()
             return
-        text = f"{self.editor.title.text()}, has changes that are not saved."
+        text = f"{self.editor.what}: its changes are not saved."
         buttons = [("Go on with them  Enter", self._show_editor), ("Lose them", self._edit_chosen)]
         self.cards.put(OverlayCard("Not everything is saved", text, buttons, self))
 

@@ -45,7 +45,7 @@ from experiments.protocol_writer import save_protocol
 SENTENCE_LINES = 3  # that there is room for under the text
 WAIT_MS = 200  # after the last change, before the text is read
 TOML = "TOML files (*.toml)"
-HINT = "Ctrl+Z undoes a change. Ctrl+S saves."
+HINT = "Ctrl+Z undoes a change."
 WHERE = "protocol"  # begins the reader's sentences
 RING_PX, BESIDE_PX = 7.0, 17.0  # radius of the rings; from the middle of the first one to the number of its path
 VIEW = QRectF(-0.4, 0.0, 0.8, 0.62)  # m, of the plane
@@ -115,7 +115,9 @@ class ProtocolEditor(Panel):
         self.problem = ""  # the reader's sentence; "": the text can be run
         self.text, self.picture, self.summary = ProtocolText(), PathPicture(), wrapped_label("", bold=True)
         self.plan, self.sentence = printed("No plan yet", wrap=True), wrapped_label(HINT, "quiet")
-        self.title, self.save = text_label("", size=theme.HEAD, bold=True), button("Save as …", self._save)
+        self.what, self._when = "", ""  # what is edited; ", saved" and the time, once it was
+        self.title = text_label("", size=theme.HEAD, bold=True)
+        self.save, self.save_as = button("Save  Ctrl+S", self.save_now), button("Save as …", self._save)
         self.undo_button = button("Undo all changes", self.undo)
         self.shows = wrapped_label("", "quiet")  # what the picture shows
         self._reader = BackgroundTask(self._show_read)
@@ -137,7 +139,7 @@ class ProtocolEditor(Panel):
         self.sentence.setFixedHeight(SENTENCE_LINES * self.sentence.fontMetrics().lineSpacing())  # nothing moves
         self.sentence.setAlignment(Qt.AlignmentFlag.AlignTop)
         right = column((self.picture, 5), self.shows, self.summary, (self.plan, 3), spacing=8)
-        buttons = (self.undo_button, self.save, button("Back  Esc", self.closed.emit))
+        buttons = (self.undo_button, self.save, self.save_as, button("Back  Esc", self.closed.emit))
         head = row(self.title, self.add, 1, *buttons, spacing=12)
         left = column((self.text, 1), self.sentence, spacing=8)
         both = row((left, 13), (right, 10), spacing=16)
@@ -162,13 +164,13 @@ class ProtocolEditor(Panel):
         shipped = name in shipped_protocols()
         path = SHIPPED_FOLDER / f"{name}.toml" if shipped else Path(name)
         self.name, self._file, self._folder = name, None if shipped else path, path.parent
-        self.title.setText(f"{name.capitalize()} protocol, a copy" if shipped else path.name)
+        self.what, self._when = f"{name.capitalize()} protocol, a copy" if shipped else path.name, ""
         try:
             self.text.setPlainText(read_text(path))
         except InputError as error:
             self.text.clear()
             self._show_problem(str(error))
-        self.text.document().setModified(False)
+        self._saved()
 
     @property
     def changed(self) -> bool:
@@ -177,8 +179,14 @@ class ProtocolEditor(Panel):
 
     def _show_changed(self, changed: bool) -> None:
         """There is something to save and to undo, or not."""
+        self.title.setText(f"{self.what}{', not saved' if changed else self._when}")
         self.undo_button.setEnabled(changed)
         theme.set_style(self.save, "main" if changed else "")
+
+    def _saved(self) -> None:
+        """What is shown is what the file says."""
+        self.text.document().setModified(False)
+        self._show_changed(False)
 
     @property
     def waiting(self) -> bool:
@@ -216,7 +224,11 @@ class ProtocolEditor(Panel):
             theme.set_style(self.shows, "caution")
             self.shows.setText("The picture is of the last text without a mistake.")
             self.plan.setPlaceholderText(f"No plan while line {at + 1} is wrong")
-        self.save.setEnabled(not problem)
+        self._may_save(not problem)
+
+    def _may_save(self, may: bool) -> None:
+        for pressed in (self.save, self.save_as):
+            pressed.setEnabled(may)
 
     def _mark(self) -> int:
         """Mark the line that the problem is about; its number, from 0."""
@@ -252,10 +264,10 @@ class ProtocolEditor(Panel):
             save_protocol(path, self.text.toPlainText(), replacing)
         except InputError as error:
             self._show_problem(str(error))
-            self.save.setEnabled(True)  # elsewhere, or once the reason is gone
+            self._may_save(True)  # elsewhere, or once the reason is gone
             return False
         self.name, self._file, self._folder = str(path), path, path.parent
-        self.text.document().setModified(False)
-        self.title.setText(f"{path.name}, saved {datetime.now():%H:%M}")
+        self.what, self._when = path.name, f", saved {datetime.now():%H:%M}"
+        self._saved()
         self.saved.emit(str(path))
         return True
