@@ -48,11 +48,10 @@ class Frame(pd.DataFrame):
 
 
 def run_scene(scene: str | Path, folder: str | Path | None = None) -> pd.DataFrame:
-    """Simulate a scene: one row per output interval, as `phd simulate` writes them.
+    """Simulate a scene: one row per output interval, as in the CSV of `phd simulate`.
 
-    scene: a shipped name, a file, or the text of one (several lines), whose paths are then relative to `folder`
-    (default: the current one).
-    attrs["summary"]: what `phd simulate` prints; its warnings are issued as Python warnings.
+    scene: a shipped name, a file, or the text of one, whose paths are relative to `folder` (default: the current one).
+    attrs["summary"]: what `phd simulate` prints. Its warnings are Python warnings.
     """
     with tempfile.TemporaryDirectory() as temporary:
         out = Path(temporary) / "motion.csv"
@@ -76,13 +75,11 @@ def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
     progress: bool = False,
     **overrides: Any,
 ) -> pd.DataFrame:
-    """The trials of a study of simulated operators, one row each: the numbers of `phd study`, without recordings.
+    """Simulate a study: one row per trial, the numbers of `phd study` without recordings.
 
-    protocol, population, devices: shipped names or files; a protocol also as `protocol` returns it, devices as `device`
-    or `load_device` does.
-    operators: their number.
-    n_jobs: number of processes, -1: one per core; the results do not depend on it. progress: a bar on stderr.
-    overrides: seed, rules, low_gain, sensing, in place of the protocol's. InputError for wrong input.
+    protocol: a shipped name, a file, or what `protocol` returns. devices: shipped names, files, or what `device`
+    returns; None: the protocol's. n_jobs: processes, -1: one per core; the results do not depend on it.
+    progress: show a bar on stderr. overrides: seed, rules, low_gain, sensing, in place of the protocol's.
     """
     if n_jobs == 0 or n_jobs < -1 or operators < 1:
         raise InputError("n_jobs must be at least 1, or -1 for one a core, and operators at least 1")
@@ -107,9 +104,9 @@ def run_study(  # noqa: PLR0913 (one call does it all, as in scikit-learn)
 
 
 def load_trials(folder: str | Path) -> pd.DataFrame:
-    """The trials of a study or of sessions, one row each: trials.csv, with participants as text. NaN: no value.
+    """Read the trials of a study or of sessions: one row per trial. NaN: no value.
 
-    folder: of a study or of sessions, or a trials.csv. InputError: it holds no trials.
+    folder: of a study or of sessions, or a trials.csv.
     """
     path = Path(folder)
     sessions = sessions_in(path).folders if path.is_dir() and not (path / TABLE).exists() else []
@@ -119,7 +116,7 @@ def load_trials(folder: str | Path) -> pd.DataFrame:
 
 
 def load_recording(file: str | Path) -> pd.DataFrame:
-    """The ticks of a recording, one row per millisecond; texts (phase, decision, stuck) as categories.
+    """Read the ticks of a recording: one row per millisecond; phase, decision and stuck are categories.
 
     file: run-*.parquet of a session. attrs: metadata, outcome. InputError: it is damaged or was cut off.
     """
@@ -142,11 +139,11 @@ def load_recording(file: str | Path) -> pd.DataFrame:
 def replay(
     file: str | Path, controller: int | str | None = None, device: str | None = None, run_own_code: bool = False
 ) -> pd.DataFrame:
-    """Each measure of a recorded trial, before and after its hand is simulated again (see `phd replay`).
+    """Simulate the hand of a recorded trial again: each measure before and after.
 
-    file: run-*.parquet of a session. controller: its name or number; device: a shipped name or a file; None:
-    the recorded one. attrs["summary"]: what `phd replay` prints.
-    run_own_code: allow, now and later, the controllers and measures that the session's folder holds.
+    file: run-*.parquet of a session. controller: name or number; device: shipped name or file; None: as recorded.
+    run_own_code: allow, now and later, the folder's own controllers and measures.
+    attrs["summary"]: what `phd replay` prints.
     """
     if run_own_code:
         allow_code(unallowed_code(Path(file).absolute().parent.parent).values())
@@ -161,10 +158,9 @@ def replay(
 
 
 def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
-    """The boxes of a measure: median, quartiles, whiskers and outliers, in its unit.
+    """Median, quartiles, whiskers and outliers of a measure: one row per controller and device (`configuration`).
 
-    One row per controller (by number) and configuration (the device). trials: as `run_study` and `load_trials` return
-    them. measure: its column, such as "path_error_m". InputError: there is no such column.
+    trials: from `run_study` or `load_trials`. measure: a column, such as "path_error_m".
     """
     trials, metric = complete(trials), _metric(measure, trials)
     found = _boxes(trials, metric, configurations_of(trials))
@@ -179,9 +175,9 @@ def boxes(trials: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def statistics(trials: pd.DataFrame) -> pd.DataFrame:
-    """The statistics of `phd analyze`, one row each: means, Friedman, each pair of controllers, trends, speed.
+    """The statistics of `phd analyze`: means, Friedman, each pair of controllers, trends, speed.
 
-    trials: as `run_study` and `load_trials` return them.
+    trials: from `run_study` or `load_trials`.
     """
     trials = complete(trials)
     return Frame(with_names(_statistics(trials), names_in(trials)), columns=list(NAMED))

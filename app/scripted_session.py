@@ -49,14 +49,14 @@ FIRST_SAMPLE_S = 1.0  # longest wait for a sample of a device that was just open
 
 
 class HandTick(NamedTuple):
-    """What a hand function gets each millisecond, to decide on its force for the next one."""
+    """What a hand function gets each millisecond."""
 
     time_s: float  # since the trial began
     phase: str  # "approach", "hold" (at the start), "move" or "end"
     tip_m: tuple[float, float]  # (x, y) of the handle
-    velocity_m_s: tuple[float, float]  # (x, y)
-    start_m: tuple[float, float]  # (x, y), of the path
-    end_m: tuple[float, float]  # (x, y), of the path
+    velocity_m_s: tuple[float, float]  # of the handle
+    start_m: tuple[float, float]  # of the path
+    end_m: tuple[float, float]  # of the path
 
 
 #: A hand as a function: the force (x, y), N, for the next millisecond.
@@ -64,10 +64,10 @@ HandFunction = Callable[[HandTick], Sequence[float] | np.ndarray]
 
 
 class SimulatedPerson:
-    """A simulated operator as the hand of a session: the same as in `phd study` for the same participant and seed."""
+    """A simulated operator as the hand: the one of `phd study` for this participant and seed."""
 
     def __init__(self, population: str | Path = USUAL) -> None:
-        """population: a shipped name or a file. InputError if it does not exist."""
+        """population: a shipped name or a file."""
         self.population: Population = load_population(population)
 
     def _participant(self, label: str, seed: int) -> Participant:
@@ -77,20 +77,18 @@ class SimulatedPerson:
 
 
 class Session:
-    """A participant's session, in a `with` block. Iterating over it gives the trials that are still to be run.
+    """A participant's session, in a `with` block. Iterate over it for the trials that are still to be run.
 
-    An existing session is continued. However the block ends, what was recorded is kept, and the same block, or the
-    window, continues from there.
+    An existing session is continued. However the block ends, what was recorded is kept.
     """
 
     def __init__(
         self, protocol: str | Path | Protocol = "paper", participant: str = "01", folder: str | Path = "phd-data",
         port: str = "",
     ) -> None:  # fmt: skip
-        """protocol: a shipped name, a file, or what `protocol` returns. folder: of all sessions; made if it is missing.
+        """protocol: a shipped name, a file, or what `protocol` returns. folder: of all sessions.
 
-        port: of a real or emulated device ("/dev/ttyACM0", "auto", "socket://HOST:NUMBER"); "": simulated. InputError
-        for wrong input: here, when the block is entered, or at the first trial.
+        port: of a real or emulated board ("/dev/ttyACM0", "auto", "socket://HOST:NUMBER"); "": simulated.
         """
         self.protocol = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
         self.protocol.refuse_unknown_low_gain()
@@ -131,7 +129,7 @@ class Session:
 
     @property
     def trials(self) -> pd.DataFrame:
-        """The trials so far, one row each, as `phd.load_trials` reads them."""
+        """The trials so far, as `load_trials` reads them."""
         return self._table(self._stored.rows if self._stored else ())
 
     def _table(self, rows: Iterable[TrialRow]) -> pd.DataFrame:
@@ -164,10 +162,7 @@ class Session:
     # ------------------------------------------------------------------------------------- a real or emulated device
 
     def home(self, tip_m: tuple[float, float] | None = None) -> None:
-        """Set the encoders: the handle is now held at (x, y), m; None: where the device file's jig holds it.
-
-        InputError: the device refused, or there is none.
-        """
+        """Home the encoders: the handle is held at `tip_m`; None: in the jig of the device file."""
         bench = self._reach()
         place = home_of(bench.device, self.protocol.paths) if tip_m is None else tip_m
         with bench.at_work() as device:
@@ -175,13 +170,13 @@ class Session:
         self._open(None).journal(HOMED, tip_m=list(place), board=bench.board)
 
     def zero(self) -> None:
-        """Zero the force sensor. Nobody may touch the handle for a second. InputError: the device refused."""
+        """Zero the force sensor. Nobody may touch the handle for a second."""
         with self._reach().at_work() as device:
             record = device.zero()
         self._open(None).journal(ZEROED, **record._asdict())
 
     def reset(self) -> None:
-        """Clear the fault that the device has latched. InputError: its cause is still there."""
+        """Clear the board's latched fault. InputError: its cause is still there."""
         with self._reach().at_work() as device:
             device.reset()
 
@@ -200,10 +195,9 @@ class Session:
 
 
 class SessionTrial:
-    """A trial of the plan, to be run once.
+    """A trial of a `Session`, to be run or skipped.
 
-    run_number, block, repetition: its place in the plan. controller, device: names. path_m: array (n, 2), m, points of
-    its path, a millimetre apart.
+    run_number, block, repetition: its place in the plan. controller, device: names. path_m: array (n, 2), its path.
     """
 
     def __init__(self, session: Session, planned: PlannedTrial) -> None:
@@ -217,10 +211,10 @@ class SessionTrial:
         self.path_m = outline(protocol.paths[planned.path], OUTLINE_M)
 
     def run(self, hand: SimulatedPerson | HandFunction | None = None) -> pd.Series:
-        """Run the trial to its end and record it. Returns its row of the table, with every measure.
+        """Run and record the trial. Returns its row, with every measure.
 
-        hand: None on a device. An exception (in the hand function, too, or Ctrl+C) stops the trial with the brakes off;
-        it is run again later.
+        hand: a `SimulatedPerson`, or a function that takes a `HandTick` and returns the force (x, y), N; None on a
+        board. An exception stops the trial, brakes off; it is run again later.
         """
         stored = self._session._open(hand)
         bench = self._session._reach() if hand is None else None

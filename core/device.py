@@ -65,7 +65,7 @@ def shipped_devices() -> list[str]:
 
 
 def load_device(name_or_path: str | Path, folder: Path | None = None, unknown: str = "unknown device") -> Device:
-    """The device `name_or_path`: shipped, by its name, or a file, by its path from `folder` (default: the current one).
+    """A shipped device by its name, or a device file by its path from `folder` (default: the current one).
 
     InputError, which `unknown` begins if there is neither.
     """

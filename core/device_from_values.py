@@ -21,10 +21,10 @@ def device(
 ) -> Device:
     """A device from values. `.text` is its device file, `.brake_texts` its brake files by name.
 
-    links_m, links_kg: (4,), m and kg, of the links AE, ED, BC, CD; uniform rods. bases_m: (2, 2), m, of A and B.
-    brakes: joint ("A", "E", "B", "C") -> shipped brake, brake file, or the keys of a brake file. tip_kg: kg.
+    links_m, links_kg: of the links AE, ED, BC, CD, uniform rods. bases_m: ((x, y), (x, y)) of A and B.
+    brakes: joint ("A", "E", "B", "C") -> shipped brake, brake file, or the keys of a brake file.
     tables: name, provenance, and the tables geometry, mass, limits and sensing of a device file, which override the
-    other arguments. InputError: no such device is possible.
+    other arguments.
     """
     if unknown := sorted(set(brakes) - set(JOINTS)):
         raise InputError(f"device: brakes: there is no joint {unknown[0]!r}; there are A, E, B, C")

@@ -32,6 +32,8 @@ from experiments.sensitivity.ranges import RangesFile
 from experiments.simulate.cobot_scene import CobotSceneFile
 from experiments.simulate.scene import SceneFile
 from experiments.study.sweep import SweepFile
+from experiments.trial.operator import Person
+from experiments.trial.population import PopulationFile, Spread
 
 DOCS = Path(__file__).resolve().parent
 SHIPPED = (
@@ -48,7 +50,7 @@ ABOVE = re.compile(r"^    #: (.*)\n    (\w+): ", re.MULTILINE)
 #: Kind of file -> its keys.
 KINDS = {
     "protocol": ProtocolFile, "device": DeviceFile, "brake": BrakeFile, "cobot": CobotFile, "scene": SceneFile,
-    "cobot_scene": CobotSceneFile, "sweep": SweepFile, "ranges": RangesFile,
+    "cobot_scene": CobotSceneFile, "sweep": SweepFile, "ranges": RangesFile, "population": PopulationFile,
 }  # fmt: skip
 PART = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 
@@ -74,9 +76,26 @@ def measures() -> str:
 
 
 def verbs() -> str:
-    """What `phd --help` says of each verb."""
-    (verb,) = [action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction)]
-    return table(("verb", "does"), [(f"`phd {one.dest}`", str(one.help)) for one in verb._choices_actions])
+    """What `phd VERB --help` says of each verb, and of each of its options in a line."""
+    (verbs,) = [action for action in make_parser()._actions if isinstance(action, argparse._SubParsersAction)]
+    return "\n".join(verb(str(one.help), verbs.choices[one.dest]) for one in verbs._choices_actions)
+
+
+def verb(summary: str, parser: argparse.ArgumentParser) -> str:
+    """A verb, how it is called at least, and its options."""
+    options = [one for one in parser._actions if one.dest != "help"]
+    least = [words_of(one) for one in options if one.required or not one.option_strings]
+    if any(one.dest == "json" for one in options):
+        least.append("[--json]")
+    lines = [f"- `{words_of(one)}`: {one.help}\n" for one in options if one.option_strings and one.dest != "json"]
+    text = f"### {parser.prog}\n\n`{' '.join((parser.prog, *least))}`: {summary}.\n"
+    return text + ("\n" + "".join(lines) if lines else "")
+
+
+def words_of(option: argparse.Action) -> str:
+    """An option with its value, as one types them."""
+    values = argparse.HelpFormatter("")._format_args(option, option.dest)
+    return f"{', '.join(option.option_strings)} {values}".strip()
 
 
 def python() -> str:
@@ -160,6 +179,8 @@ def rows_of(kind: type[Table], above: str = "") -> list[Row]:
 def comments(kind: type[Table]) -> dict[str, str]:
     """Field -> its comment, behind it or above it with `#:`, of a table and those that it is made of."""
     found = {name: f"{parameter.word} of a built-in controller" for name, parameter in PARAMETERS.items()}
+    if kind is PopulationFile:
+        found = dict(FIELD.findall(inspect.getsource(Person)))
     for one in reversed(kind.__mro__):
         if one.__module__.partition(".")[0] in ("core", "experiments") and not one.__name__.startswith("_"):
             source = inspect.getsource(one)
@@ -172,6 +193,8 @@ def default(field: msgspec.structs.FieldInfo) -> str:
     value = field.default if field.default_factory is msgspec.NODEFAULT else field.default_factory()
     if value is msgspec.NODEFAULT:
         return ""
+    if isinstance(value, Spread):
+        value = value.value
     return "none" if value is None else json.dumps({} if isinstance(value, Table) else value)
 
 
@@ -187,21 +210,14 @@ def driver() -> str:
     )
 
 
-INNER = "\n    "  # of a call that is longer than a line
-
-
 def described(name: str, found: Any) -> str:
     """A function; a class with its methods; a named tuple with its fields."""
-    text = f"### {name}\n\n"
-    if not (inspect.isclass(found) and issubclass(found, tuple)):
-        call = f"phd.{call_of(name, found)}"
-        if len(call) > 120:
-            call = f"{call.replace('(', '(' + INNER, 1)[:-1]}\n)"
-        text += f"```python\n{call}\n```\n\n"
-    text += f"{inspect.cleandoc(found.__doc__)}\n"
+    is_tuple = inspect.isclass(found) and issubclass(found, tuple)
+    call = "" if is_tuple else f"`phd.{call_of(name, found)}`\n\n"
+    text = f"### {name}\n\n{call}{inspect.cleandoc(found.__doc__)}\n"
     if not inspect.isclass(found):
         return text
-    if issubclass(found, tuple):
+    if is_tuple:
         said = dict(FIELD.findall(inspect.getsource(found)))
         return text + "\n" + table(("field", "what"), [(f"`{field}`", said.get(field, "")) for field in found._fields])
     if given := inspect.getdoc(found.__init__):

@@ -82,9 +82,8 @@ def protocol(
     """A protocol from values. `.text` is its protocol file, which holds its devices and brakes.
 
     devices: shipped names, files, or what `device` returns. paths: the keys of each ({"kind": "segment", "start_m":
-    (x, y), "end_m": (x, y)}), or its points, array (n, 2), m. controllers: the keys of each ({"name": "Soft guide",
+    (x, y), "end_m": (x, y)}), or its points, array (n, 2). controllers: the keys of each ({"name": "Soft guide",
     "kind": "proportional", "gain_N_s_m": 300.0}). keys: others of a protocol file (seed, repetitions, trial, ..).
-    InputError: no such experiment is possible.
     """
     found = [device if isinstance(device, Device) else load_device(device) for device in devices]
     content = {

@@ -20,10 +20,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "what the host of a virtual machine kept the loop's core from it; nothing here can help that.",
         "phd bench --out bench-1", prints="the result",
     ).add_argument  # fmt: skip
-    option("--quick", action="store_true", help="one device, two steps, fewer repeats")
-    loop = "the control loop's lateness instead, measured for this long in each case (default: 15)"
+    option("--quick", action="store_true", help="one device, two step lengths, fewer repeats")
+    loop = "measure the control loop's lateness instead, so long in each case (default: 15)"
     option("--loop", nargs="?", type=whole_number_of(1), const=15, metavar="SECONDS", help=loop)
-    option("--out", type=Path, metavar="DIR", help="a new folder for bench.json and the work-precision plot")
+    option("--out", type=Path, metavar="DIR", help="new folder for bench.json and the work-precision plot")
 
 
 def bench(args: argparse.Namespace) -> None:

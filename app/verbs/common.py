@@ -30,23 +30,21 @@ FOLDER: dict[str, Any] = {
 }  # fmt: skip
 DATA_DIR: dict[str, Any] = {
     "type": Path, "default": DATA, "metavar": "DIR",
-    "help": "where sessions are kept (default: phd-data in your home folder)"
+    "help": "folder of the sessions (default: phd-data in your home folder)"
 }  # fmt: skip
 DEVICES: dict[str, Any] = {
     "nargs": "+", "action": "extend", "metavar": "NAME|PATH",
-    "help": f"shipped devices by name, or device files by path (default: {' '.join(DEFAULT_DEVICES)})",
+    "help": f"shipped names or device files (default: {' '.join(DEFAULT_DEVICES)})",
 }  # fmt: skip
 FIGURES: dict[str, Any] = {
     "choices": ("screen", "journal"),
-    "help": "journal: box plots 3.5 and 7 inches wide, text of 7 to 9 points at that size (default: screen, wider)",
+    "help": "size of the box plots: screen (default), or journal, 3.5 and 7 inches wide",
 }  # fmt: skip
 RUN_OWN_CODE: dict[str, Any] = {
-    "action": "store_true",
-    "help": "run controllers and measures of the experiment's own that the folder holds, without a question; what is "
-    "allowed once is remembered",
+    "action": "store_true", "help": "run the folder's own controllers and measures without asking, now and later"
 }  # fmt: skip
 PORTS: dict[str, Any] = {
-    "action": "append", "default": [], "metavar": "PORT", "help": "ask for a board there; may be given repeatedly"
+    "action": "append", "default": [], "metavar": "PORT", "help": "look for a board there; repeatable"
 }  # fmt: skip
 
 Do = Callable[[argparse.Namespace], int | None]

@@ -35,11 +35,11 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd replay study-1/sub-01/ses-01/trials/run-001.parquet --controller 3 --out replayed.csv",
         prints="the summary",
     ).add_argument  # fmt: skip
-    option("recording", type=Path, metavar="RECORDING", help="a recording in the folder of its session")
-    controller = "through this controller, by its name or number in the protocol (default: the recorded one)"
+    option("recording", type=Path, metavar="RECORDING", help="a recording in its session's folder")
+    controller = "name or number of a controller of the protocol (default: the recorded one)"
     option("--controller", metavar="CONTROLLER", help=controller)
-    option("--device", metavar="NAME|PATH", help="on this device, shipped or a file (default: the recorded one)")
-    option("--out", type=Path, metavar="FILE.csv", help="a new file for the replayed ticks")
+    option("--device", metavar="NAME|PATH", help="shipped name or device file (default: the recorded one)")
+    option("--out", type=Path, metavar="FILE.csv", help="new file for the simulated ticks")
     option(OPTION, **RUN_OWN_CODE)
     option = add_verb(
         verbs, "analyze", analyze_verb, "rebuild every number and figure of a study from its recordings alone\n"
@@ -49,17 +49,17 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd analyze study-1 --out study-1-again", prints="the summary",
     ).add_argument  # fmt: skip
     option("dir", **FOLDER)
-    option("--out", type=Path, metavar="OUT", help="a new folder (default: DIR/analysis-N)")
+    option("--out", type=Path, metavar="OUT", help="new folder (default: DIR/analysis-N)")
     option(
         "--unblind", action="store_true",
-        help="open the keys of blind sessions for this analysis; who did it, and when, is written into their journals",
+        help="reveal the controllers of blind sessions; their journals record who did it, and when",
     )  # fmt: skip
     option(
         "--beside", type=Path, nargs="+", default=[], metavar="DIR",
-        help="further studies: the findings of all, from their rows, side by side in OUT/side-by-side.md",
+        help="further studies, compared in OUT/side-by-side.md",
     )  # fmt: skip
     option("--figures", **FIGURES)
-    timeouts = "put trials whose time was up into boxes and statistics, which leave them out otherwise"
+    timeouts = "include trials that ran out of time in boxes and statistics"
     option("--timeouts", action="store_true", help=timeouts)
     option(OPTION, **RUN_OWN_CODE)
     option = add_verb(
@@ -70,15 +70,15 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "phd export study-1 --bids study-1-bids", prints="the summary",
     ).add_argument  # fmt: skip
     option("dir", **FOLDER)
-    option("--bids", type=Path, metavar="OUT", help="a new or empty folder for a BIDS-Motion data set")
-    option("--csv", type=Path, metavar="OUT", help="a new or empty folder for CSV: trials.csv and each recording")
-    compress = "recordings of the CSV as .csv.gz, a third of the size, which pandas, R and Julia read as they are"
+    option("--bids", type=Path, metavar="OUT", help="new or empty folder for a BIDS-Motion data set")
+    option("--csv", type=Path, metavar="OUT", help="new or empty folder for trials.csv and each recording as CSV")
+    compress = "write the recordings as .csv.gz, a third of the size"
     option("--compress", action="store_true", help=compress)
-    shift = "dates of the BIDS data set to before 1925, by the same random number of days for all of one participant"
+    shift = "BIDS: move the dates before 1925, by a random number of days for each participant"
     option("--shift-dates", action="store_true", help=shift)
-    author = "of the BIDS data set; may be given repeatedly. Authors and licence are kept for the next export"
+    author = "BIDS: an author, kept for the next export; repeatable (default: the protocol's, else those kept)"
     option("--author", action="append", default=[], metavar="NAME", help=author)
-    licence = "of the BIDS data set, such as CC0-1.0 (default of both: what the protocol says, else what was kept)"
+    licence = "BIDS: the licence, such as CC0-1.0; kept and defaults as the authors"
     option("--licence", "--license", default="", metavar="NAME", help=licence)
     option = add_verb(
         verbs, "verify", verify_verb,

@@ -46,26 +46,26 @@ def add(verbs: argparse._SubParsersAction) -> None:
     ).add_argument  # fmt: skip
     option(
         "--device", metavar="NAME|PATH",
-        help="the device behind it (default: the shipped one that a session asks for, as if the bench were re-rigged)",
+        help="device behind the board (default: the shipped one that a session asks for)",
     )  # fmt: skip
     option(
         "--hand", choices=("operator", "still", "none"), default="still",
-        help="what holds the handle: a simulated operator who goes to and fro on the path, a hand that holds it still "
-        "on a spring, or nothing (default: still)",
+        help="what holds the handle: an operator who moves to and fro on the path, a spring that holds it still "
+        "(default), or nothing",
     )  # fmt: skip
-    path = "m, from start to end; the handle is at the start at first (default: path 1 of the paper's protocol)"
+    path = "start and end of the operator's path, m; the handle begins at its start (default: the paper's path 1)"
     option("--path", nargs=4, type=float, metavar=("X0", "Y0", "X1", "Y1"), help=path)
     fault = "KIND[=VALUE][@START][+LENGTH]"
-    option("--fault", action="append", default=[], metavar=fault, help="may be given repeatedly")
+    option("--fault", action="append", default=[], metavar=fault, help="a fault; repeatable")
     has_terminals = hasattr(os, "openpty")
     option(
         "--socket", metavar="NUMBER",
         nargs="?", type=whole_number_of(1, 65535), const=0, default=None if has_terminals else 0,
-        help="a TCP port of this computer, in place of a pseudo-terminal (default: a free one); its address, "
-        "socket://127.0.0.1:NUMBER, stands for a serial port" + ("" if has_terminals else "; always so on this system"),
+        help="TCP port of this computer in place of a serial one (default: a free one)"
+        + ("" if has_terminals else "; always so on this system"),
     )  # fmt: skip
-    option("--not-homed", action="store_true", help="as after power-up: the host must home the encoders")
-    option("--seed", type=whole_number_of(0), default=1, help="of noise, faults and operator (default: 1)")
+    option("--not-homed", action="store_true", help="start with encoders that the host must home")
+    option("--seed", type=whole_number_of(0), metavar="N", default=1, help="of noise, faults and operator (default: 1)")
 
 
 def doctor_verb(args: argparse.Namespace) -> int:

@@ -23,13 +23,8 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "goes to a CSV file.",
         "phd simulate scene.toml --out motion.csv", prints="the summary",
     ).add_argument  # fmt: skip
-    option("scene", metavar="SCENE.toml", help="the scene file, or a shipped scene by its name")
-    option(
-        "--out",
-        required=True,
-        metavar="FILE.csv",
-        help="a new file; -: standard output, the summary then goes to stderr",
-    )
+    option("scene", metavar="SCENE.toml", help="scene file or shipped name")
+    option("--out", required=True, metavar="FILE.csv", help="new file; -: standard output")
     option = add_verb(
         verbs, "identify", identify_verb, "fit a brake to measured current steps\n"
         "STEPS.csv: columns t_s (0 where the current changes), current_from_A, current_to_A, speed_rpm, torque_N_m,\n"
@@ -39,21 +34,21 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "current stepped to: falling steps that all end at one current do not give its a_1, a_3 and a_5.",
         "phd identify steps.csv --out brake.toml --figures figures", prints="numbers, intervals and residuals",
     ).add_argument  # fmt: skip
-    option("steps", type=Path, metavar="STEPS.csv", help="the measured steps")
-    option("--out", type=Path, metavar="BRAKE.toml", help="a new brake file (default: the numbers are printed alone)")
-    option("--figures", type=Path, metavar="DIR", help="draw Figs. 6 to 8 there")
-    option("--name", help="the brake's name (default: that of the file)")
+    option("steps", type=Path, metavar="STEPS.csv", help="measured steps")
+    option("--out", type=Path, metavar="BRAKE.toml", help="new brake file (default: only print the numbers)")
+    option("--figures", type=Path, metavar="DIR", help="folder for Figs. 6 to 8")
+    option("--name", metavar="NAME", help="of the brake (default: that of the file)")
     option(
         "--omega-0", type=number_between(0.0, math.inf, "a number greater than 0"), metavar="RPM",
-        help="speed from which the time constant is a_avg (default: the measured speed that fits best)",
+        help="speed from which the time constant is a_avg (default: best fit)",
     )  # fmt: skip
     option(
         "--knee", type=number_between(0.0, math.inf, "a number greater than 0"), default=0.2, metavar="A",
-        help="current below which Eq. (2) is linear (default: 0.2, as in the paper)",
+        help="current below which Eq. (2) is linear (default: 0.2)",
     )  # fmt: skip
     option(
         "--backlash-deg", type=number_between(-1e-300, 360.0, "at least 0 and less than 360 degrees"),
-        metavar="DEG", help="goes into the file as it is: steps do not show it (default: 0.75, assumed)",
+        metavar="DEG", help="backlash, which steps do not show (default: 0.75, assumed)",
     )  # fmt: skip
     option = add_verb(
         verbs, "figures", figures_verb, "draw the paper's Figs. 1 and 4 to 14 from our models\n"
@@ -65,10 +60,10 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--device", **DEVICES)
     option(
         "--map", choices=("force", "steerability"),
-        help="only this map: what the brakes can show at right angles to the motion, over the workspace and all "
-        f"directions of motion, each device beside the others (default of --device then: {' '.join(MAPPED)})",
+        help="only this map: the force, or the acceleration, that brakes can show across the motion "
+        f"(default devices: {' '.join(MAPPED)})",
     )  # fmt: skip
-    option("--out", type=Path, required=True, metavar="DIR", help="the folder for the figures")
+    option("--out", type=Path, required=True, metavar="DIR", help="folder for the figures")
 
 
 def simulate_verb(args: argparse.Namespace) -> None:

@@ -25,22 +25,22 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "A protocol, a device file and a page that says how to go on. The device begins as a copy of a shipped one.",
         "phd new my-experiment",
     ).add_argument  # fmt: skip
-    option("dir", type=Path, metavar="DIR", help="a new or empty folder")
-    option("--device", default="three-brake", metavar="NAME", help="the shipped device to copy (default: three-brake)")
+    option("dir", type=Path, metavar="DIR", help="new or empty folder")
+    option("--device", default="three-brake", metavar="NAME", help="shipped device to copy (default: three-brake)")
     option = add_verb(
         verbs, "check-controller", check_controller_verb, "check a controller of your own: energy, currents, numbers\n"
         "Simulated people move with it along the paper's paths on shipped devices: does it never add energy, are its\n"
         "currents within limits, every number finite, its decisions declared and repeatable? Exit 1: a check failed.",
         "phd check-controller damper.py --set damping_N_s_m=300", prints="what was found",
     ).add_argument  # fmt: skip
-    option("file", type=Path, metavar="FILE.py", help="a file of your own, or a shipped one")
-    option("--set", action="append", default=[], metavar="NAME=NUMBER", help="a parameter of it (default: its own)")
+    option("file", type=Path, metavar="FILE.py", help="the controller")
+    option("--set", action="append", default=[], metavar="NAME=NUMBER", help="value of a parameter; repeatable")
     option = add_verb(
         verbs, "completion", completion_verb, "print a completion script for your shell\n"
         "bash: phd completion bash >> ~/.bashrc; zsh: phd completion zsh > a folder of $fpath, as _phd.",
         "phd completion bash",
     ).add_argument  # fmt: skip
-    option("shell", choices=SHELLS)
+    option("shell", choices=SHELLS, help="your shell")
 
 
 def new_verb(args: argparse.Namespace) -> None:

@@ -29,34 +29,33 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "An interrupted session is offered to be resumed.",
         "phd run --participant 01 --data-dir data\n  phd run my.toml --print-plan",
     ).add_argument  # fmt: skip
-    protocol = "a protocol file, or a shipped one by its name (default: paper)"
+    protocol = "protocol file or shipped name (default: paper)"
     option("protocol", nargs="?", default="paper", metavar="PROTOCOL.toml", help=protocol)
-    option("--device", **{**DEVICES, "help": "devices in place of the protocol's, by shipped name or path"})
+    option("--device", **{**DEVICES, "help": "shipped names or device files in place of the protocol's"})
     option(
         "--input", choices=CHOICES, default=MOUSE,
-        help=f"whose hand moves the simulated device: {'; '.join(HANDS)} (default: {MOUSE})",
+        help=f"what moves the simulated device: {'; '.join(HANDS)} (default: {MOUSE})",
     )  # fmt: skip
     option(
         "--link", default="sim", metavar="sim|serial:PORT|driver:FILE.py",
-        help="the simulated device (default), or one whose board is at a serial port (auto: the only one on USB; "
-        "socket://HOST:NUMBER, with or without serial: before it: a TCP port that passes bytes on as one does), or "
-        "driver:FILE.py: hardware of another kind, by a driver of its own",
+        help="the simulated device (default), a board at a serial port (auto: the only one on USB) or at "
+        "socket://HOST:NUMBER, or hardware with a driver of your own",
     )  # fmt: skip
     option(
         "--force", default="", metavar="netft:HOST",
-        help="with --link serial:PORT: an ATI Net F/T on the network in place of the board's force channels",
+        help="ATI Net F/T on the network, in place of the board's force channels",
     )  # fmt: skip
-    option("--lsl", action="store_true", help="stream ticks and markers to other recorders (Lab Streaming Layer)")
-    option("--rules", choices=RULES, help="in place of the protocol's")
-    least_gain = "N s/m, of the proportional controller of least gain, in place of the protocol's"
+    option("--lsl", action="store_true", help="stream ticks and markers to the Lab Streaming Layer")
+    option("--rules", choices=RULES, help="rule set in place of the protocol's")
+    least_gain = "N s/m of the lowest-gain proportional controller, in place of the protocol's"
     option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
-    option("--seed", type=whole_number_of(0), metavar="N", help="of the order of trials, in place of the protocol's")
-    participant = "who moves the handle (default: the first without a session)"
+    option("--seed", type=whole_number_of(0), metavar="N", help="of the trial order, in place of the protocol's")
+    participant = "label of the participant (default: the first without a session)"
     option("--participant", type=label_of_participant, metavar="01", help=participant)
-    folder = "where sessions are kept (default: the folder of the settings, else phd-data in your home folder)"
+    folder = "folder of the sessions (default: that of the settings, else phd-data in your home folder)"
     option("--data-dir", **{**DATA_DIR, "default": None, "help": folder})
-    option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings, else dark)")
-    option("--print-plan", action="store_true", help="print every trial of the participant, in order; no window opens")
+    option("--theme", choices=("dark", "light"), help="of the windows (default: that of the settings)")
+    option("--print-plan", action="store_true", help="print the participant's trials in order and open no window")
 
 
 def label_of_participant(text: str) -> str:

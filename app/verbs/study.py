@@ -45,34 +45,30 @@ def add(verbs: argparse._SubParsersAction) -> None:
     ).add_argument  # fmt: skip
     option(
         "protocol", nargs="?", metavar="PROTOCOL.toml",
-        help="a file, or a shipped one's name (default: paper); arena: the sweep that ships, all controllers on all "
-        "displays, ranked",
+        help="protocol file or shipped name (default: paper); arena: the shipped sweep, which ranks controllers",
     )  # fmt: skip
-    option("--operators", type=whole_number_of(1), metavar="N", help=f"how many (default: {OPERATORS})")
+    option("--operators", type=whole_number_of(1), metavar="N", help=f"simulated operators (default: {OPERATORS})")
     option("--seed", type=whole_number_of(0), metavar="N", help="of everything random (default: the protocol's)")
-    option("--device", **DEVICES)
-    option("--rules", choices=RULES, help="rule set of the controllers (default: the protocol's)")
+    option("--device", **{**DEVICES, "help": "shipped names or device files (default: the protocol's)"})
+    option("--rules", choices=RULES, help="rule set (default: the protocol's)")
     option(
         "--low-gain", type=low_gain, metavar="NUMBER|'no vibration'",
-        help="N s/m of the proportional controller of least gain, or the paper's rule: the largest gain without "
-        "detectable vibration, found on simulated trials (default: the protocol's; Table I prints 5)",
+        help="N s/m of the lowest-gain proportional controller, or the paper's rule (default: the protocol's)",
     )  # fmt: skip
     option(
         "--sensing", choices=SENSINGS,
-        help="what the controller sees of a simulated device: its true motion, or the counts of its encoders "
-        "(default: the protocol's)",
+        help="whether controllers see the true motion or encoder counts (default: the protocol's)",
     )  # fmt: skip
-    option("--population", metavar="NAME|PATH", help=f"of the operators: shipped, or a file (default: {USUAL})")
+    option("--population", metavar="NAME|PATH", help=f"shipped name or population file (default: {USUAL})")
     option("--figures", **FIGURES)
-    option("--resume", action="store_true", help="continue the interrupted study in DIR, with its own settings")
+    option("--resume", action="store_true", help="continue the interrupted study in DIR")
     option(OPTION, **RUN_OWN_CODE)
     option(
         "--sweep", metavar="FILE.toml",
-        help="instead of one study, many at once and without recordings: every controller, gap, gain, device, "
-        "population and rule set that the file names, on all cores, into one table DIR/sweep.csv",
+        help="run every combination of a sweep file's values instead, without recordings, into DIR/sweep.csv",
     )  # fmt: skip
-    option("--cluster", metavar="ADDRESS", help="of --sweep: run it on this Dask scheduler (tcp://HOST:8786)")
-    option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
+    option("--cluster", metavar="ADDRESS", help="run the sweep on this Dask scheduler (tcp://HOST:8786)")
+    option("--out", type=Path, required=True, metavar="DIR", help="new or empty folder")
     option = add_verb(
         verbs, "sensitivity", sensitivity, "vary what the paper does not give: find which of its statements hold\n"
         "Each sample is a study of three simulated people by the paper's protocol, without recordings, with values\n"
@@ -82,12 +78,12 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "neither the number of cores nor the order of work changes a digit. The ranges of the paper ship as paper.",
         "phd sensitivity paper --n 3000 --out sensitivity-1", prints="the summary",
     ).add_argument  # fmt: skip
-    option("ranges", metavar="RANGES.toml", help="a ranges file, or a shipped one's name (paper)")
-    option("--n", type=whole_number_of(1), default=3000, metavar="N", help="how many samples (default: 3000)")
+    option("ranges", metavar="RANGES.toml", help="ranges file or shipped name (paper)")
+    option("--n", type=whole_number_of(1), default=3000, metavar="N", help="number of samples (default: 3000)")
     option("--seed", type=whole_number_of(0), default=1, metavar="N", help="of everything random (default: 1)")
-    option("--resume", action="store_true", help="continue the interrupted run in DIR, begun with the same arguments")
+    option("--resume", action="store_true", help="continue the interrupted run in DIR, with the same arguments")
     option("--cluster", metavar="ADDRESS", help="run it on this Dask scheduler (tcp://HOST:8786)")
-    option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
+    option("--out", type=Path, required=True, metavar="DIR", help="new or empty folder")
     option = add_verb(
         verbs, "power", power_verb, "find how many people an experiment needs to tell two controllers apart\n"
         "By the test that phd analyze will use: signed-rank on each person's mean, Holm over all pairs.\n"
@@ -95,16 +91,16 @@ def add(verbs: argparse._SubParsersAction) -> None:
         "was found from. Leaves DIR/power.csv and DIR/power.png.",
         "phd power paper --between 1 3 --measure path_error_m --out power-1", prints="the summary",
     ).add_argument  # fmt: skip
-    option("protocol", metavar="PROTOCOL.toml", help="a file, or a shipped one's name")
-    option("--between", nargs=2, required=True, metavar="CONTROLLER", help="two, by name or number in the protocol")
-    option("--measure", default="path_error_m", metavar="NAME", help="a column of trials.csv (default: path_error_m)")
+    option("protocol", metavar="PROTOCOL.toml", help="protocol file or shipped name")
+    option("--between", nargs=2, required=True, metavar="CONTROLLER", help="two controllers, by name or number")
+    option("--measure", default="path_error_m", metavar="NAME", help="column of trials.csv (default: path_error_m)")
     option("--power", type=number_between(0.0, 1.0, "a share between 0 and 1"), default=0.8, metavar="SHARE",
-           help="of studies that find the difference (default: 0.8)")  # fmt: skip
-    option("--population", nargs="+", metavar="NAME|PATH", help="of simulated people (default: all that are shipped)")
+           help="share of studies that find the difference (default: 0.8)")  # fmt: skip
+    option("--population", nargs="+", metavar="NAME|PATH", help="shipped names or files (default: all shipped)")
     option("--people", type=whole_number_of(LEAST_SIMULATED, 10_000), metavar="N",
            default=SIMULATED_PEOPLE,
-           help=f"how many to simulate of each population (default: {SIMULATED_PEOPLE})")  # fmt: skip
-    option("--out", type=Path, required=True, metavar="DIR", help="a new or empty folder")
+           help=f"number simulated of each population (default: {SIMULATED_PEOPLE})")  # fmt: skip
+    option("--out", type=Path, required=True, metavar="DIR", help="new or empty folder")
 
 
 def power_verb(args: argparse.Namespace) -> None:

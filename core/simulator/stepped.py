@@ -31,9 +31,9 @@ ONLY_NOW = Grid(first_row=0, last_row=0, per_row=1, step=1.0)  # a row, and noth
 
 
 class State(NamedTuple):
-    """The state of a simulation, a copy. Arrays (4,) are of the joints A, E, B, C: 0 where there is no brake.
+    """The state of a simulation. Arrays (4,) are of the joints A, E, B, C: 0 where there is no brake.
 
-    Torques and `stuck` are those at the end of the last step, under its currents and force.
+    Torques and `stuck` are those at the end of the last step.
     """
 
     time_s: float  # since the reset
@@ -52,22 +52,21 @@ class State(NamedTuple):
 
 
 class Simulation:
-    """A device simulated step by step, as exactly as in a scene of `phd simulate`.
+    """A device simulated step by step, as exactly as by `phd simulate`.
 
         simulation = phd.Simulation("three-brake", fidelity="mr")
         simulation.reset(tip_m=(0.0, 0.4))
         simulation.step([0.2, 0.0, 0.0], (1.0, 0.5), 1e-3)
         simulation.state.tip_m
 
-    braked: the joints with a brake, such as "AEB". currents_max_A: array (n,), one per brake. A wrong value or
-    shape: InputError; a wrong type: TypeError.
+    braked: the joints with a brake, such as "AEB". currents_max_A: array (n,), one per brake.
     """
 
     def __init__(self, device: str | Path | Device, fidelity: str = "mr", integrator: str = "event") -> None:
         """Starts at rest in the middle of the workspace, brakes off. device: shipped name, file, or `Device`.
 
         fidelity: "mr": lag and backlash; "static": torques follow at once; "ideal": commands are yield torques, N m.
-        integrator: "event" or "stepping"; "karnopp" is a fixed-step method for comparison.
+        integrator: "event", "stepping" or "karnopp".
         """
         for name, word, known in (("fidelity", fidelity, FIDELITIES), ("integrator", integrator, INTEGRATORS)):
             if word not in known:
@@ -83,10 +82,7 @@ class Simulation:
         self.reset((x, y))
 
     def reset(self, tip_m: Two, velocity_m_s: Two = (0.0, 0.0)) -> None:
-        """Start again at a tip (x, y), m, with a velocity, m/s: brakes off, backlash centred, time and energies 0.
-
-        InputError: the tip cannot be there.
-        """
+        """Start again at a tip and velocity (x, y): brakes off, backlash centred, time and energies 0."""
         tip, velocity = _pair("tip_m", tip_m, PLACE), _pair("velocity_m_s", velocity_m_s, SPEED)
         if not tip_is_free(self.device.mechanism, *tip):
             raise InputError(f"tip_m: the tip of {self.device.name} cannot be at ({tip[0]:g}, {tip[1]:g}) m")
@@ -101,9 +97,9 @@ class Simulation:
         self._settled, self._hand, self._tip = device.body["settled"], device.hand.forces[0], device.body["tip"][0]
 
     def step(self, currents_A: Sequence[float] | np.ndarray, force_N: Two = (0.0, 0.0), step_s: float = 1e-3) -> None:
-        """Advance by step_s, s, with constant currents (one per brake, as in `braked`) and hand force (x, y), N.
+        """Advance by step_s with constant currents (one per brake, as in `braked`) and hand force (x, y).
 
-        With "ideal": yield torques, N m, instead of currents. FloatingPointError if the motion diverges.
+        With "ideal": yield torques, N m, instead of currents. FloatingPointError: the motion diverges.
         """
         currents = currents_A.tolist() if isinstance(currents_A, np.ndarray) else list(currents_A)
         if currents != self._currents:
@@ -136,7 +132,7 @@ class Simulation:
 
     @property
     def state(self) -> State:
-        """A copy of the present state."""
+        """The present `State`, a copy."""
         device, rows = self._device, np.zeros((1, ROW_WIDTH))
         body, braking, ledger = device.body.copy(), device.braking.copy(), self._data.ledger.copy()
         data = Data(device.hand, body, braking, ledger, new_record(STEP_SCRATCH))

@@ -35,40 +35,40 @@ class Person(NamedTuple):
     Beside each number its least and most: beyond is a slip of the pen, or the kernels would fail.
     """
 
-    stiffness_along_N_m: Annotated[float, (1.0, 5000.0)]  # of the arm, in the direction of the path
-    stiffness_across_N_m: Annotated[float, (1.0, 5000.0)]
-    damping_N_s_m: Annotated[float, (0.0, 200.0)]  # in every direction
-    mass_kg: Annotated[float, (0.0, 10.0)]  # of the arm at the handle, on the hand's side of the force sensor
-    force_max_N: Annotated[float, (1.0, 500.0)]  # the arm's force is clipped here
-    movement_s: Annotated[float, (0.2, 60.0)]  # duration of the virtual hand's movement along the path
+    stiffness_along_N_m: Annotated[float, (1.0, 5000.0)]  # of the arm, along the path
+    stiffness_across_N_m: Annotated[float, (1.0, 5000.0)]  # across it
+    damping_N_s_m: Annotated[float, (0.0, 200.0)]  # of the arm
+    mass_kg: Annotated[float, (0.0, 10.0)]  # of the arm at the handle
+    force_max_N: Annotated[float, (1.0, 500.0)]  # largest force of the arm
+    movement_s: Annotated[float, (0.2, 60.0)]  # duration of the movement
     reaction_s: Annotated[float, (0.0, 5.0)]  # from go to the start of the movement
-    reaction_spread_s: Annotated[float, (0.0, 1.0)]  # sd of it from trial to trial
-    approach_speed_m_s: Annotated[float, (0.01, 1.0)]  # mean speed towards the start
-    approach_least_s: Annotated[float, (0.1, 10.0)]  # duration of the shortest approach
+    reaction_spread_s: Annotated[float, (0.0, 1.0)]  # its sd from trial to trial
+    approach_speed_m_s: Annotated[float, (0.01, 1.0)]  # mean speed to the start
+    approach_least_s: Annotated[float, (0.1, 10.0)]  # shortest approach
     bias_m: Annotated[float, (-0.05, 0.05)]  # lateral offset of the virtual hand in the middle of the path, + left
     curvature_m: Annotated[float, (-0.05, 0.05)]  # height of the S in the virtual hand's way
     trial_bias_m: Annotated[float, (0.0, 0.05)]  # sd of the bias from trial to trial
-    skill: Annotated[float, (0.1, 10.0)]  # bias, its change from trial to trial, and curvature are divided by it
-    felt_delay_s: Annotated[float, (1e-3, LONGEST_DELAY_S)]
-    felt_gain: Annotated[float, (0.0, 1.0)]  # the virtual hand moves this share of the felt distance towards the path
-    seen_delay_s: Annotated[float, (1e-3, LONGEST_DELAY_S)]
+    skill: Annotated[float, (0.1, 10.0)]  # divides bias, its change from trial to trial, and curvature
+    felt_delay_s: Annotated[float, (1e-3, LONGEST_DELAY_S)]  # until the felt distance to the path acts
+    felt_gain: Annotated[float, (0.0, 1.0)]  # share of the felt distance that is corrected
+    seen_delay_s: Annotated[float, (1e-3, LONGEST_DELAY_S)]  # until the seen distance acts
     seen_gain_per_s: Annotated[float, (0.0, 10.0)]  # rate at which the seen distance is corrected
-    seen_least_m: Annotated[float, (0.0, 0.002)]  # smaller distances are left alone
+    seen_least_m: Annotated[float, (0.0, 0.002)]  # smaller distances are not corrected
     foresight_s: Annotated[float, (0.0, 2.0)]  # a correction waits for a handle that gets there by itself in this time
     settle_speed_m_s: Annotated[float, (1e-3, 10.0)]  # a correction on the approach waits for a handle as fast as this
-    correction_max_m: Annotated[float, (0.01, 0.5)]  # of the virtual hand, in either direction
+    correction_max_m: Annotated[float, (0.01, 0.5)]  # largest correction of the virtual hand
     lead_max_m: Annotated[float, (0.001, 0.5)]  # the virtual hand waits for a handle that lags more
     still_speed_m_s: Annotated[float, (1e-6, 0.1)]  # a slower handle is felt to stand
     give_up_per_s: Annotated[float, (0.0, 20.0)]  # rate at which a sideways pull is given up while the handle stands
     effort_N_s: Annotated[float, (0.0, 1000.0)]  # growth of a push along the path while the handle stands
-    effort_max_N: Annotated[float, (0.0, 500.0)]
-    effort_ease_per_s: Annotated[float, (0.0, 100.0)]  # rate at which that push is given up once the handle moves
-    turn_s: Annotated[float, (1e-3, 5.0)]  # in which the virtual hand's direction follows a bend of the path
+    effort_max_N: Annotated[float, (0.0, 500.0)]  # largest such push
+    effort_ease_per_s: Annotated[float, (0.0, 100.0)]  # rate at which the push is given up once the handle moves
+    turn_s: Annotated[float, (1e-3, 5.0)]  # in which the virtual hand turns with a bend of the path
     noise_share: Annotated[float, (0.0, 1.0)]  # sd of the force noise per axis, share of the force
-    noise_corner_Hz: Annotated[float, (0.1, 100.0)]  # of its low-pass
+    noise_corner_Hz: Annotated[float, (0.1, 100.0)]  # corner of its low-pass filter
     tremor_N: Annotated[float, (0.0, 20.0)]  # rms per axis
-    tremor_Hz: Annotated[float, (3.0, 20.0)]
-    tremor_band_Hz: Annotated[float, (0.1, 10.0)]  # width of the tremor's peak at half power
+    tremor_Hz: Annotated[float, (3.0, 20.0)]  # frequency of the tremor
+    tremor_band_Hz: Annotated[float, (0.1, 10.0)]  # width of its peak at half power
     sees_cursor: Annotated[float, (0.0, 1.0)] = 1.0  # share of the distance to the path that is seen on the way
     aims_at_end: Annotated[float, (0.0, 1.0)] = 0.0  # 1: at the end a handle that stands is led on, sideways too
 

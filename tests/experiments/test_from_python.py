@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -97,17 +98,21 @@ assert [type(one).__name__ for one in watchers] == ["CompileProgress"]
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
-def test_the_snippet_of_the_readme_and_the_notebook_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """With one operator in place of six."""
-    (snippet,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert len(snippet.splitlines()) <= 10
+def test_the_snippets_of_the_pages_and_the_notebook_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """With one operator in place of six, and a session of few trials."""
+    texts = "".join((ROOT / name).read_text("utf-8") for name in ("README.md", "docs/python.md"))
+    snippets = re.findall(r"```python\n(.*?)```", texts, re.DOTALL)
+    declared = texts.partition("<!-- python -->")[2]
+    snippets += ["import phd\n" + textwrap.dedent(code) for code in re.findall(r"(?:^    .*\n)+", declared, re.M)]
+    assert len(snippets) == 3 and all(len(snippet.splitlines()) <= 16 for snippet in snippets)
+    (tmp_path / "short.toml").write_text(short(paths=1).text)
     notebook = json.loads((ROOT / "docs/from-python.ipynb").read_text())
     cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"), "it is shown executed"
     matplotlib.use("Agg")
     monkeypatch.chdir(tmp_path)
-    for code in (snippet, "\n".join(cells)):
-        exec(code.replace("operators=6", "operators=1"), {})
+    for code in (*snippets, "\n".join(cells)):
+        exec(code.replace("operators=6", "operators=1").replace('Session("paper"', 'Session("short.toml"'), {})
 
 
 @settings(max_examples=15)
