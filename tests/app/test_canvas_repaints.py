@@ -20,7 +20,7 @@ from app.window.widgets.words import Shown
 from core import tick_log
 from core.obstacles import ObstacleFile
 
-STEPS, OUT_OF_SIGHT = 80, (0.5, 0.1)  # m
+STEPS, OUT_OF_SIGHT = 90, (0.5, 0.1)  # m
 
 
 class Anything:
@@ -132,13 +132,12 @@ def painted_anew(view: Plane) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", [LinkageView, PassView, ParticipantView])
-@pytest.mark.parametrize("seed", range(2))
-def test_after_anything_the_screen_shows_what_a_whole_repaint_shows(qtbot, kind: type, seed: int) -> None:
+def test_after_anything_the_screen_shows_what_a_whole_repaint_shows(qtbot, kind: type) -> None:
     view = kind()
     qtbot.addWidget(view)
     view.setMinimumSize(1, 1)
     view.resize(420, 300)
-    happens, done = Anything(view, seed), []
+    happens, done = Anything(view, seed=1), []
     for _ in range(STEPS):
         done.append(happens.step())
         if view.isVisible() and happens.random.random() < 0.5:

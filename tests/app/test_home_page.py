@@ -1,10 +1,12 @@
 """Home: choices that take effect when a session starts, what keeps it from starting, and the data that are there."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from fake_client import GREEN, RED, before, opened, ready, running
+from own_files import put_code
 from page_driver import PageDriver
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -30,12 +32,19 @@ SUMMARY = "The experiment of the paper\n2 devices × 5 controllers × 2 paths ×
 class Shown(PageDriver):
     """A home page on a data folder."""
 
-    def __init__(self, qtbot, folder: Path) -> None:
-        super().__init__(qtbot, HomePage)
+    def __init__(self, folder: Path) -> None:
+        super().__init__(HomePage)
+        self.begin(folder)
+
+    def begin(self, folder: Path) -> None:
+        """A session server has begun on this folder."""
         self.setup = m.Setup(folder)
         self.page.show_setup(self.setup)
         self.page.show_opened(opened(""))
-        self.page.show_snapshot(before())
+        for said in (before(notice="No.", notice_bad=True), before()):  # what was asked for is not waited for
+            self.page.show_snapshot(said)
+        self.sent.clear()
+        self.pages.clear()
         self.wait()
 
     def wait(self) -> None:
@@ -49,10 +58,18 @@ class Shown(PageDriver):
 
 
 @pytest.fixture
-def shown(qtbot, tmp_path: Path):
-    made = Shown(qtbot, tmp_path / "data")
+def shown(tmp_path: Path) -> Iterator[Shown]:
+    made = Shown(tmp_path / "data")
     yield made
-    made.page.close()
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
+    """One page for all states."""
+    made = Shown(tmp_path_factory.mktemp("kept") / "data")
+    yield made
+    made.close()
 
 
 def button_of(segments: Segments, text: str) -> QPushButton:
@@ -85,12 +102,9 @@ STUDY = "holds a study of 3 simulated operators"
 HOME = {
     "new": Seen(f"{SUMMARY} | No sessions yet | new participant", NEW, [m.Open("01")]),
     "red": Seen(" | ".join(check.advice for check in RED if check.state == m.BAD), NEW, said=before(checks=RED)),
-    "waiting": Seen("connecting … The board is being reached.", NEW,
-                    said=before(checks=(m.Check("Device", m.WAITING, "connecting …", "The board is being reached."),))),
     "preparing": Seen("Waiting for the session server", NEW, said=m.Snapshot(m.PREPARING)),
     "refused": Seen("participant 01: exists already", NEW, [m.Open("01")],
                     before(notice="participant 01: exists already", notice_bad=True)),
-    "too long": Seen("at most 20 characters, not 21", f"Start session   {21 * 'x'} · 60 trials", typed=21 * "x"),
     "with blanks": Seen("new participant", "Start session   07 · 60 trials", [m.Open("07")], typed=" 07 "),
     "a study": Seen(
         f"Study of 3 simulated operators · 3 sessions · 180 of 180 trials | 60 of 60 | {STUDY}",
@@ -112,8 +126,9 @@ HOME = {
 
 
 @pytest.mark.parametrize("state", HOME)
-def test_what_can_be_read_and_started_in_each_state(shown: Shown, state: str) -> None:
-    page, seen = shown.page, HOME[state]
+def test_what_can_be_read_and_started_in_each_state(kept: Shown, tmp_path: Path, state: str) -> None:
+    shown, page, seen = kept, kept.page, HOME[state]
+    shown.begin(tmp_path / "data")
     if seen.open:
         page.show_opened(opened(seen.open))
     page.show_snapshot(seen.said)
@@ -191,18 +206,16 @@ def test_another_choice_starts_another_session_server_only_when_the_session_star
     assert shown.sent == [m.Open("01")], "the session server is the chosen one now"
 
 
-def test_a_protocol_that_cannot_be_run_says_why_and_starts_nothing(shown: Shown, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text.replace("blocks = 3", "blocks = 0"))
-    shown.page.take_protocol(str(tmp_path / "mine.toml"))
+def test_a_protocol_that_cannot_be_run_starts_nothing_and_the_form_of_one_comes_with_the_session(
+    shown: Shown, tmp_path: Path
+) -> None:
+    page, file = shown.page, tmp_path / "mine.toml"
+    file.write_text(load_protocol(PAPER).text.replace("blocks = 3", "blocks = 0"))
+    page.take_protocol(str(file))
     shown.wait()
-    assert "blocks must be at least 1" in shown.page.summary.text().replace("\u200b", "")
-    assert not shown.page.start.isEnabled() and shown.page.plan.toPlainText() == ""
-
-
-def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, tmp_path: Path) -> None:
-    page = shown.page
-    (tmp_path / "mine.toml").write_text(load_protocol(PAPER).text + FORM)
-    page.take_protocol(str(tmp_path / "mine.toml"))
+    assert "blocks must be at least 1" in page.summary.text().replace("\u200b", "") and not page.start.isEnabled()
+    file.write_text(load_protocol(PAPER).text + FORM)
+    page.take_protocol(str(file))
     shown.wait()
     assert not page.start.isEnabled() and page.why.text() == "Fill in handedness.\nFill in age."
     page.participant.setFocus()
@@ -213,10 +226,7 @@ def test_the_form_that_a_protocol_asks_for_comes_with_the_session(shown: Shown, 
         page.hand.activated.emit(0)
         shown.wait()
         assert page.form.isVisible() == page.why.text().startswith("Fill in") == asked, hand
-    right = next(
-        button for button in page.form.fields["handedness"].findChildren(QPushButton) if button.text() == "right"
-    )
-    shown.click(right)
+    shown.click(button_of(page.form.fields["handedness"], "right"))
     shown.type(page.form.fields["age"], "old")
     assert page.why.text() == "Age must be a number."
     shown.type(page.form.fields["age"], "27")
@@ -288,18 +298,19 @@ def test_a_board_is_reached_by_its_port_and_no_session_starts_before(shown: Show
     assert shown.setups[-1] == (shown.setup, None), "the board is let go"
 
 
-def test_code_out_of_a_sessions_folder_is_asked_about_before_the_session_goes_on(shown: Shown, monkeypatch) -> None:
-    page, folder, allowed = shown.page, shown.setup.data_dir, []
-    monkeypatch.setattr("app.window.widgets.own_code.unallowed_code", lambda folder: {"odd.py (SHA-256 123)": "text"})
-    monkeypatch.setattr("app.window.widgets.own_code.allow_code", allowed.extend)
+def test_code_out_of_a_sessions_folder_is_asked_about_before_the_session_goes_on(shown: Shown) -> None:
+    page, folder = shown.page, shown.setup.data_dir
+    put_code(closed_session(folder, 0).folder, "of home")
     shown.look(session(folder, "01", 14))
     shown.type(page.participant, "01")
     for place, sent in ((0, []), (1, [m.Open("01", resume=True)])):
         shown.click(page.start)
-        assert page.cards.question is not None and not shown.sent
+        assert "odd.py" in page.cards.question.text.text() and not shown.sent
         page.cards.question.buttons[place].click()
         assert shown.sent == sent
-    assert allowed == ["text"]
+    page.show_snapshot(before(notice="No.", notice_bad=True))
+    shown.click(page.start)
+    assert page.cards.question is None and len(shown.sent) == 2, "that answer is remembered"
 
 
 def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_one(shown: Shown) -> None:
@@ -314,7 +325,7 @@ def test_who_is_named_is_proposed_session_or_not_and_after_it_the_first_without_
     assert page.participant.text() == "02" and page.setup == page.chosen
 
 
-def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtbot, tmp_path: Path) -> None:
+def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, tmp_path: Path) -> None:
     data, folder = shown.page.data, shown.setup.data_dir
     closed_session(folder, 2)
     shown.look(session(folder, "01", 2))
@@ -324,7 +335,7 @@ def test_an_export_runs_beside_the_window_and_says_where_it_is(shown: Shown, qtb
     def export(says: str) -> None:
         data.export("csv", tmp_path)
         assert data.bar.isVisible() and "Exporting as CSV" in shown.texts() and not data.export_as.isEnabled()
-        qtbot.waitUntil(lambda: not data.export_task.busy and data.bar.isHidden(), timeout=60_000)
+        shown.until(lambda: not data.export_task.busy and data.bar.isHidden())
         assert says in shown.texts()
 
     (tmp_path / "data-csv-1").mkdir()

@@ -3,7 +3,7 @@
 from itertools import product
 
 import pytest
-from fake_client import LONG_BREAK, PLAN, RED, before, opened, ready, result, running
+from fake_client import LONG_BREAK, PLAN, before, opened, ready, result, running
 from PySide6.QtCore import Qt
 from screens import Screens
 
@@ -18,15 +18,10 @@ from experiments.store.journal import MARKS
 ALT = Qt.KeyboardModifier.AltModifier
 STATES = {
     "no session": before(),
-    "first": ready(),
-    "practice": ready(1, practice=True),
     "card": ready(3),
-    "red": ready(3, checks=RED),
     "paused": ready(3, paused=True),
     "running": running(3),
-    "re-rig": ready(3, stage=m.RERIG),
     "break": ready(3, stage=m.BREAK, card=LONG_BREAK),
-    "disk": ready(3, not_written="The disk is full"),
     "aborted": ready(1, rows=(result(PLAN[0], "aborted"),)),
     "finished": ready(len(PLAN), stage=m.FINISHED),
     "failed": ready(3, stage=m.FAILED, notice="The loop is gone."),

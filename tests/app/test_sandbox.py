@@ -83,8 +83,7 @@ def test_pass_follows_pass_and_each_is_measured(window: LocalWindow) -> None:
 
 CHANGES = {
     "controller": dict(controller=4, parameters={"gain_N_s_m": 10_000.0}),
-    "rules": dict(rules="literal"),
-    "spring": dict(spring_N_m=600.0),
+    "rules and spring": dict(rules="literal", spring_N_m=600.0),
     "brake strength": dict(brake_strength=0.3),
     "much backlash": dict(backlash_deg=3.0),
     "ideal sensing": dict(sensing="ideal"),
@@ -204,7 +203,7 @@ def test_a_handle_that_is_let_go_at_any_speed_in_any_direction_comes_to_rest_on_
     change(window, device=device)
     wait(window, 0.2)
     for k, (turn, speed) in enumerate((turn, speed) for turn in range(16) for speed in SPEEDS_PX_S):
-        if (k + turn) % {"three-brake": 7, "four-brake": 14}[device]:  # directions all round, at every speed
+        if (k + turn) % {"three-brake": 15, "four-brake": 20}[device]:  # directions all round
             continue
         change(window, controller=1 + k % 5)
         tip = wait(window, 0.05)[-1, tick_log.TIP_X : tick_log.TIP_Y + 1]
@@ -251,18 +250,19 @@ def test_the_handle_is_brought_back_where_no_pointer_ever_was_and_out_of_the_han
     assert not window.client.taken
 
 
-def test_what_no_pointer_moves_is_not_brought_back(tmp_path: Path) -> None:
+def test_a_simulated_operator_makes_its_passes_alone_until_try_is_left_and_a_session_can_be_opened(tmp_path) -> None:
     with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         window.client.send(m.BringBack())
         assert "Only the hand of the pointer" in window.until(lambda s: s.notice_bad).notice
-
-
-def test_a_simulated_operator_makes_its_passes_alone_and_has_no_spring_to_set(tmp_path: Path) -> None:
-    with trying(Setup(tmp_path / "data", hand=OPERATOR, sync=False)) as window:
         tried = window.until(lambda s: s.sandbox and s.sandbox.passes).sandbox
         assert tried.passes[0].status == "done" and tried.fixed == ("spring_N_m",)
         change(window, spring_N_m=500.0)
         assert "spring_N_m cannot be changed" in window.until(lambda s: s.notice_bad).notice
+        window.client.send(m.EndSandbox())
+        window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
+        window.open()
+        window.client.send(m.SetSandbox())
+        assert "Leave it" in window.until(lambda s: s.notice_bad).notice and window.snapshot.sandbox is None
 
 
 def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(window: LocalWindow) -> None:
@@ -274,15 +274,6 @@ def test_brakes_off_stops_the_pass_and_the_next_waits_until_they_are_allowed(win
     allowed = window.until(lambda s: s.running)
     assert not allowed.sandbox.passes
     assert "Turn the brakes on" not in allowed.notice  # it has been done
-
-
-def test_leaving_ends_the_pass_and_a_session_can_be_opened(window: LocalWindow) -> None:
-    drive(window, moves(100))
-    window.client.send(m.EndSandbox())
-    window.until(lambda s: s.stage == m.NO_SESSION and s.sandbox is None)
-    window.open()
-    window.client.send(m.SetSandbox())
-    assert "Leave it" in window.until(lambda s: s.notice_bad).notice and window.snapshot.sandbox is None
 
 
 REFUSED = (

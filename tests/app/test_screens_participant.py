@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fake_client import LONG_BREAK, PRACTICE, PRESETS, opened, paper, ready, running, ticks
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from screens import Screens, point, settle, visible_texts
 from texts_on_screen import faults
@@ -100,9 +101,9 @@ def test_the_trace_is_seen_unless_the_protocol_hides_it(screens: Screens) -> Non
     for shown in (True, False):
         screens.hear(opened(protocol=paper(show_trace=shown)), running(int(shown)))
         view.extend_trail(np.array(((-0.05, 0.3), (0.05, 0.3))))
-        seen = view.grab().toImage()
-        pixels = (seen.pixelColor(x, y).name() for x in range(seen.width()) for y in range(seen.height()))
-        assert (colour_for("trace") in pixels) == shown
+        seen = view.grab().toImage().convertToFormat(QImage.Format.Format_RGB32)
+        pixels = np.frombuffer(seen.constBits(), np.uint32) & 0xFFFFFF
+        assert (int(colour_for("trace")[1:], 16) in pixels) == shown
 
 
 def test_where_a_force_sensor_is_the_hand_the_pointer_is_none(screens: Screens) -> None:

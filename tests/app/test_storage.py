@@ -31,6 +31,7 @@ from experiments.store.recording import read_recording
 from experiments.store.session import Session
 from experiments.store.verify import verify
 
+PIECE = 50  # ticks that are written at a time
 MOUSE_HELD = SimulatedSetup(None, MOUSE)
 
 
@@ -52,7 +53,7 @@ class Ended:
             full_disk.refuses = full
         while not self.trial.finished and self.trial.ticks < ticks:
             with contextlib.suppress(OSError):
-                run(self.trial, self.writer, self.trial.ticks + 1)
+                run(self.trial, self.writer, self.trial.ticks + PIECE, PIECE)
         self.cut_short, self.again = True, "never"
         if not self.trial.finished:
             self.trial.abort("the lamp fell down")

@@ -27,10 +27,9 @@ from texts_on_screen import faults_by_size
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
-from app.ipc.messages import DeviceStatus
-from app.window.analyse import analyse_page
 from app.window.home.home_page import BOARD
 from app.window.widgets.page import ANALYSE, HOME, TRY
+from experiments.analysis.charts import PERSON, POOLED, SPEED
 from experiments.analysis.trials_table import as_rows, as_table
 from experiments.protocol_file import Consent
 from experiments.store.overview import DataOverview, SessionOverview
@@ -40,30 +39,20 @@ GONE = (
     "(connect its disk, take it out of the wastebasket), and what is missing is written by itself. Or go on in "
     "another folder. All its 12 345 ticks are in memory. It is tried again every 5 s"
 )
-ALT = Qt.KeyboardModifier.AltModifier
+ALT, NONE = Qt.KeyboardModifier.AltModifier, Qt.KeyboardModifier.NoModifier
 FLAGS = {name: f"The measure {name} needs a force, which this device does not have" for name in ("work", "share")}
 FLAGGED = replace(result(PLAN[37], "timeout"), failed=FLAGS)
 UNEVEN = {"clock": {"offset_s": 0.0, "drift": 1e-3, "residual_s": 1e-5, "blocks": 60}, "lost_links": 3, "begun_anew": 2}
 NOT_HOMED = m.Check(
     "Device", m.DUE, "not homed yet", "Home the encoders: the session or the Device page (F3) guides you."
 )
-RUN_STATES = {
-    "card, flags": (opened(), running(37), ready(38, rows=(*map(result, PLAN[:37]), FLAGGED))),
-    "undone": (
-        opened(),
-        ready(9, not_written=GONE, checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE))),
-    ),
-}
+NOT_STORED = ready(9, not_written=GONE, checks=(*GREEN[:4], m.Check("Recording", m.BAD, "incomplete", GONE)))
 
 
-def run(state: str) -> Callable[[Screens], None]:
-    def show(screens: Screens) -> None:
-        for said in RUN_STATES[state]:
-            screens.hear(said)
-            if isinstance(said, m.Snapshot) and said.running is not None:
-                screens.tick(movement(PLAN[37].path, "AEBC", 1.5))
-
-    return show
+def flagged_card(screens: Screens) -> None:
+    screens.hear(opened(), running(37))
+    screens.tick(movement(PLAN[37].path, "AEBC", 1.5))
+    screens.hear(ready(38, rows=(*map(result, PLAN[:37]), FLAGGED)))
 
 
 def asked(key: Qt.Key, modifier=ALT, over: int = 22) -> Callable[[Screens], None]:
@@ -71,15 +60,6 @@ def asked(key: Qt.Key, modifier=ALT, over: int = 22) -> Callable[[Screens], None
         screens.hear(opened(), running(over - 1), ready(over) if key != Qt.Key.Key_A else running(over))
         screens.press(key, modifier=modifier)
         screens.hear()  # a frame
-
-    return show
-
-
-def try_page(*passes: m.Pass, **changes) -> Callable[[Screens], None]:
-    def show(screens: Screens) -> None:
-        screens.main.show_page(TRY)
-        screens.hear(opened(""), tried(INITIAL, *passes, **changes))
-        screens.tick(movement(1, "AEB", 1.5))
 
     return show
 
@@ -92,13 +72,15 @@ def page(name: str, *messages: object) -> Callable[[Screens], None]:
     return show
 
 
-def device(snapshot: m.Snapshot, state: DeviceStatus | None) -> Callable[[Screens], None]:
-    def show(screens: Screens) -> None:
-        screens.hear(opened(**ON_BENCH), snapshot)
-        screens.press(Qt.Key.Key_F3)
-        screens.hear(told(state))
+def try_passes(screens: Screens) -> None:
+    page(TRY, opened(""), tried(INITIAL, *(ended(n, 1 + n % 5, changed=n == 3) for n in range(1, 9))))(screens)
+    screens.tick(movement(1, "AEB", 1.5))
 
-    return show
+
+def device(screens: Screens) -> None:
+    screens.hear(opened(**ON_BENCH), m.Snapshot(m.NO_SESSION, checks=(NOT_HOMED, *NOT_ZEROED[1:])))
+    screens.press(Qt.Key.Key_F3)
+    screens.hear(told(status(UNEVEN)))
 
 
 def card(name: str) -> Callable[[Screens], None]:
@@ -150,21 +132,11 @@ def consent(screens: Screens) -> None:
     home.stack.setCurrentWidget(home.asking)
 
 
-def closing(screens: Screens) -> None:
-    screens.hear(opened(), running())
-    screens.main.close()
-
-
 STATES: dict[str, Callable[[Screens], None]] = {
-    **{f"run, {state}": run(state) for state in RUN_STATES},
-    **{name: card(name) for name in ("settings", "controllers", "files", "about")},
-    "long names": long_names, "home, sessions": sessions, "home, ports": ports,
-    "editor": editor, "consent": consent, "run, instructed": instructed,
-    "device, uneven": device(m.Snapshot(m.NO_SESSION, checks=(NOT_HOMED, *NOT_ZEROED[1:])), status(UNEVEN)),
-    "repeat": asked(Qt.Key.Key_R), "exclude": asked(Qt.Key.Key_X), "skip": asked(Qt.Key.Key_S),
-    "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, Qt.KeyboardModifier.NoModifier),
-    "closing": closing,
-    "try, passes": try_page(*(ended(n, 1 + n % 5, changed=n == 3) for n in range(1, 9))),
+    "run, card": flagged_card, "run, undone": lambda screens: screens.hear(opened(), NOT_STORED),
+    "settings": card("settings"), "files": card("files"), "long names": long_names, "run, instructed": instructed,
+    "home, sessions": sessions, "home, ports": ports, "editor": editor, "consent": consent, "device": device,
+    "repeat": asked(Qt.Key.Key_R), "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, NONE), "try": try_passes,
 }  # fmt: skip
 
 
@@ -178,23 +150,22 @@ def test_in_a_session_and_on_try(screens: Screens, state: str) -> None:
 def recorded(tmp_path_factory) -> Path:
     """A data folder with a few recorded trials."""
     folder = tmp_path_factory.mktemp("data")
-    with session_of(folder, 4):
+    with session_of(folder, 2):
         return folder
 
 
-@pytest.mark.parametrize("shown", ["by_participant", *analyse_page.AXES, "a trial"])
-def test_on_analyse(qtbot, screens: Screens, recorded: Path, shown: str) -> None:
+def test_on_analyse(qtbot, screens: Screens, recorded: Path) -> None:
     screens.hear(opened(""), before())
     screens.main.show_page(ANALYSE, recorded)
     analyse = screens.main.pages[ANALYSE]
     qtbot.waitUntil(lambda: analyse.results is not None, timeout=60_000)
-    if shown == "a trial":
-        first, *rest = as_rows(analyse.results.trials)
-        late = replace(first, status="timeout")  # the notes below the charts are long then
-        analyse._show_results(analyse.results._replace(trials=as_table([late, *rest])))
-        analyse.open_trial(rest[-1])
-        qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
-    else:
+    first, *rest = as_rows(analyse.results.trials)
+    late = replace(first, status="timeout")  # the notes below the charts are long then
+    analyse.show_results(analyse.results._replace(trials=as_table([late, *rest])))
+    for shown in (PERSON, POOLED, SPEED):
         analyse.show_page(shown)
+        assert faults_by_size(screens.main) == {}, shown
+    analyse.open_trial(rest[-1])
+    qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
     assert faults_by_size(screens.main) == {}
     analyse.close_trial()

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from app.ipc.messages import Setup
 from core import tick_log
 from core.tick_log import TICK_S
 
-PASSES = 2  # of each controller
 SPEED_M_S, TO_START_M_S, ASIDE_M, SWINGS = 0.08, 0.08, 0.01, 2.0
 PULL_PER_S = 4.0  # at which the pointer goes beyond the start while the handle is short of it
 FELT_N = 0.5
@@ -43,10 +41,10 @@ class SwingingHand:
         return self.at
 
 
-def passes(window: LocalWindow) -> list[np.ndarray]:
+def passes(window: LocalWindow, count: int) -> list[np.ndarray]:
     """The forces of the swinging hand (ticks, 2), N, during the movement of one pass after the other."""
     hand, number, forces = None, 0, []
-    while len(window.snapshot.sandbox.passes) < PASSES:
+    while len(window.snapshot.sandbox.passes) < count:
         window.look()
         rows, running = window.ticks[-1], window.snapshot.running
         if not len(rows) or running is None:
@@ -57,7 +55,7 @@ def passes(window: LocalWindow) -> list[np.ndarray]:
         window.client.ring.aim(*hand.next(tip, phase, TICK_S * len(rows)))
     rows = window.rows
     moving = np.flatnonzero(rows[:, tick_log.PHASE] == tick_log.MOVE)
-    for one in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1)[:PASSES]:
+    for one in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1)[:count]:
         forces.append(rows[one, tick_log.HAND_FX : tick_log.HAND_FY + 1])
     return forces
 
@@ -74,33 +72,30 @@ def mouse_reports(monkeypatch):
     monkeypatch.setattr(simulated_loop, "PIECE", 20)
 
 
-def felt(
-    folder: Path, device: str, controllers: Sequence[int], low_gain: float | None = None
-) -> tuple[dict[tuple[int, int], float], float]:
-    """The least distance between passes of two controllers, for each pair; the largest between passes of the same."""
-    tried = {}
-    for number in controllers:
-        with local_window(Setup(folder / str(number), devices=(device,), low_gain=low_gain, sync=False)) as window:
-            window.until_stage(m.NO_SESSION)
-            window.client.send(m.SetSandbox())
-            settings = window.until(lambda s: s.sandbox and s.running).sandbox.settings
-            own = window.opened.protocol.controllers[number].named
-            window.client.send(m.SetSandbox(settings._replace(controller=number).with_parameters(**own)))
-            tried[number] = passes(window)
+def tried(folder: Path, device: str, number: int, count: int, low_gain: float | None = None) -> list[np.ndarray]:
+    """So many passes with a controller."""
+    with local_window(Setup(folder / f"{number}", devices=(device,), low_gain=low_gain, sync=False)) as window:
+        window.until_stage(m.NO_SESSION)
+        window.client.send(m.SetSandbox())
+        settings = window.until(lambda s: s.sandbox and s.running).sandbox.settings
+        own = window.opened.protocol.controllers[number].named
+        window.client.send(m.SetSandbox(settings._replace(controller=number).with_parameters(**own)))
+        return passes(window, count)
+
+
+@pytest.mark.parametrize(("device", "count"), [("three-brake", 2), ("four-brake", 1)])
+def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_from_pass_to_pass(tmp_path, device, count):
+    found = {number: tried(tmp_path, device, number, count) for number in range(1, 6)}
+    repeats = max(
+        (apart(one, other) for own in found.values() for one, other in itertools.combinations(own, 2)), default=0
+    )
     pairs = {
-        (a, b): min(apart(one, other) for one in tried[a] for other in tried[b])
-        for a, b in itertools.combinations(tried, 2)
+        (a, b): min(apart(one, other) for one in found[a] for other in found[b])
+        for a, b in itertools.combinations(found, 2)
     }
-    repeats = max(apart(one, other) for own in tried.values() for one, other in itertools.combinations(own, 2))
-    return pairs, repeats
-
-
-@pytest.mark.parametrize("device", ["three-brake", "four-brake"])
-def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_from_pass_to_pass(tmp_path, device):
-    pairs, repeats = felt(tmp_path, device, (1, 2, 3, 4, 5))
     assert min(pairs.values()) > max(FELT_N, repeats), (pairs, repeats)
 
 
 def test_with_the_low_gain_as_printed_nothing_is_felt_of_it(tmp_path):
-    pairs, _ = felt(tmp_path, "three-brake", (1, 5), low_gain=5.0)
-    assert pairs == {(1, 5): 0.0}
+    (none,), (low,) = (tried(tmp_path, "three-brake", number, 1, 5.0) for number in (1, 5))
+    assert apart(none, low) == 0.0

@@ -7,6 +7,8 @@ from core.control.own_file import read_own
 from core.own_consent import allow
 from core.own_files import OwnFile
 from experiments.own_measure import declared_measures
+from experiments.store.database import Database
+from experiments.store.stored import put_file
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURE = (ROOT / "docs/examples/protocols/my_measure.py").read_text(encoding="utf-8")
@@ -84,3 +86,9 @@ def measures_of(name: str, text: str) -> OwnFile:
     """A file of measures that may run."""
     allow(text)
     return OwnFile(name, text, json.dumps(declared_measures(name, text)))
+
+
+def put_code(session: Path, about: str) -> None:
+    """Put code that nobody has allowed into a session's folder. about: it is other code than that of other tests."""
+    with Database(session, sync=False) as database:
+        put_file(database, "code/odd.py", f"# {about}")

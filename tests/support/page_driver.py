@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QLineEdit, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QWidget
 from screens import settle, visible_texts
+from waiting import wait_until
 
 from app.window.widgets.page import Page
 
@@ -20,19 +21,24 @@ def texts(page: QWidget) -> str:
 
 
 class PageDriver:
-    """The page that `make` makes, shown at a size. make: takes what a page sends its commands to."""
+    """The page that `make` makes, shown at a size until it is closed. make: takes what a page sends its commands to."""
 
-    def __init__(self, qtbot, make: Callable, size: tuple[int, int] = PAGE_SIZE) -> None:
-        self.qtbot, self.sent, self.setups, self.pages = qtbot, [], [], []
+    def __init__(self, make: Callable, size: tuple[int, int] = PAGE_SIZE) -> None:
+        self.sent, self.setups, self.pages = [], [], []
         self.page = make(self.sent.append)
         self.holder = QWidget()  # so that nothing of the page is a window
         self.page.setParent(self.holder)
-        qtbot.addWidget(self.holder)
         if isinstance(self.page, Page):
             self.page.setup_asked.connect(lambda *asked: self.setups.append(asked))
             self.page.page_asked.connect(lambda *asked: self.pages.append(asked))
         self.resize(*size)
         self.holder.show()
+
+    def close(self) -> None:
+        self.page.close()
+        self.holder.close()
+        self.holder.deleteLater()
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
     def resize(self, width: int, height: int) -> None:
         self.page.resize(width, height)
@@ -40,7 +46,7 @@ class PageDriver:
 
     def until(self, condition: Callable[[], bool]) -> None:
         """Wait for what is done beside the page."""
-        self.qtbot.waitUntil(condition, timeout=60_000)
+        wait_until(condition, pause=lambda: QTest.qWait(5))
 
     def texts(self) -> str:
         """All that can be read now."""

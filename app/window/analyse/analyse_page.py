@@ -87,7 +87,7 @@ class AnalysePage(Page):
         self._charted = POOLED  # of the pages of charts the one that is shown, or was last
         self._asked: Path | None = None  # a folder, in place of the open session's
         self._folder = self._data_dir = Path()  # that is shown or being read; of the session server
-        self._reading, self._opening = BackgroundTask(self._show_results), BackgroundTask(self._show_trial)
+        self._reading, self._opening = BackgroundTask(self.show_results), BackgroundTask(self._show_trial)
         self._excluding = BackgroundTask(self._excluded)
         self.tabs = Segments(PAGES)
         self.tabs.changed.connect(self.show_page)
@@ -214,7 +214,7 @@ class AnalysePage(Page):
         self._folder = folder
         self._reading.ask(read_results, folder)
 
-    def _show_results(self, results: Results | InputError) -> None:
+    def show_results(self, results: Results | InputError) -> None:
         if isinstance(results, InputError):
             self._show_empty(f"{results}. Open another on Home, under Data.")
             return
