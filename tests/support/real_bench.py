@@ -18,6 +18,7 @@ from experiments.protocol import TrialRules
 from experiments.trial.operator import Person
 from experiments.trial.real_trial import RealTrial
 from experiments.trial.trial import Conditions
+from hardware.emulated_board.board import Board
 from hardware.emulated_board.device import EmulatedHand
 from hardware.serial_device import SerialDevice
 
@@ -50,7 +51,7 @@ class RealBench:
 
     def __init__(
         self, device: str | Device = "four-brake", seed: int = 3, hand: EmulatedHand | None = None,
-        board_began_us: int = 0, wire: type[BenchWire | TcpWire] = BenchWire,
+        board_began_us: int = 0, wire: type[BenchWire | TcpWire] = BenchWire, board: type[Board] = Board,
     ) -> None:  # fmt: skip
         self.device = load_device(device) if isinstance(device, str) else device
         self.operator: EmulatedOperator | None = None
@@ -59,7 +60,7 @@ class RealBench:
             self.operator = EmulatedOperator(person, build_path(PATH, "path"), TIP, generator)
             self.operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
             hand = Late(self.operator)
-        self.board = Bench(self.device, hand, board_began_us)
+        self.board = Bench(self.device, hand, board_began_us, board)
         self.hand, self._wire = hand, wire
         self.link = SerialDevice(self.device, "bench", clock=self.now, open_port=self.open_port)
         self.link.open()

@@ -1,6 +1,7 @@
 """The board in C (hardware/firmware) built on this host, and a Python board that writes down what it lives through."""
 
 import functools
+import json
 import random
 import shutil
 import struct
@@ -17,7 +18,10 @@ from hardware.wire import messages
 from hardware.wire.frames import encode_frame
 from hardware.wire.messages import Command, Fault, Hello, State, pack
 
-SOURCES = Path(__file__).resolve().parents[2] / "hardware" / "firmware"
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ROOT / "hardware" / "firmware"
+VECTORS = json.loads((ROOT / "docs" / "protocol-vectors.json").read_text())
+DIALOGUES = VECTORS["dialogues"]
 COMPILER = shutil.which("cc")
 CORE = "[pt]*.c"  # phd_*.c and try_board.c; main.c is for a board
 Program = list[str]  # a command
@@ -35,7 +39,7 @@ def compiled(folder: Path, name: str, *flags: str, sources: str, at: Path = SOUR
     return result
 
 
-def on_this_machine(folder: Path, sources: Path = SOURCES) -> Program:
+def on_this_machine(folder: Path) -> Program:
     """A whole board as a program (try_board.c), with sanitizers where compiler and system have them."""
     if COMPILER is None:
         pytest.skip("no C compiler (cc): the board in C cannot be built")
@@ -43,12 +47,12 @@ def on_this_machine(folder: Path, sources: Path = SOURCES) -> Program:
     source.write_text("int main(void) { return 0; }\n")
     made = subprocess.run([COMPILER, *SANITIZERS, str(source), "-o", str(folder / "nothing")], capture_output=True)
     works = made.returncode == 0 and subprocess.run([folder / "nothing"], capture_output=True).returncode == 0
-    return [str(compiled(folder, "try_board", *(SANITIZERS if works else ()), sources=CORE, at=sources))]
+    return [str(compiled(folder, "try_board", *(SANITIZERS if works else ()), sources=CORE))]
 
 
-def on_a_cortex_m4(_folder: Path | None = None, sources: Path = SOURCES) -> Program:
+def on_a_cortex_m4(_folder: Path | None = None) -> Program:
     """The same as Cortex-M4 machine code, in an emulator that passes stdin and stdout on."""
-    return [*M4, str(made("try-m4.elf", sources))]
+    return [*M4, str(made("try-m4.elf"))]
 
 
 #: where the board in C runs
@@ -64,12 +68,12 @@ def found(*programs: str) -> None:
 
 
 @functools.cache
-def made(name: str, sources: Path = SOURCES) -> Path:
-    """What the Makefile of the firmware makes of this name; of the project's own sources once in a process."""
+def made(name: str) -> Path:
+    """What the Makefile of the firmware makes of this name, once in a process."""
     found("make", "arm-none-eabi-gcc", "qemu-system-arm")
     _built.append(tempfile.TemporaryDirectory())
     folder = _built[-1].name
-    command = ["make", "-s", "-C", SOURCES, f"SOURCES={sources}", f"BUILD={folder}", f"{folder}/{name}"]
+    command = ["make", "-s", "-C", SOURCES, f"BUILD={folder}", f"{folder}/{name}"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return Path(folder) / name
@@ -182,9 +186,39 @@ def live_alike(program: Program, boards: list[RecordedBoard]) -> list[Did]:
 
 def recorded(hello: Hello = FULL_BOARD) -> SimulatedBoard:
     """A simulated board whose life is written down."""
-    bench = SimulatedBoard(hello)
-    bench.board = RecordedBoard(hello)
-    return bench
+    return SimulatedBoard(hello, RecordedBoard)
+
+
+def hello() -> Hello:
+    """Of the board that the dialogues are with."""
+    fields = VECTORS["dialogues_board"]
+    return FULL_BOARD._replace(**{
+        name: tuple(value) if isinstance(value, list) else value.encode() if isinstance(value, str) else value
+        for name, value in fields.items()
+    })  # fmt: skip
+
+
+def hold(dialogue: dict, kind: type[Board]) -> Board:
+    """A board that goes through a dialogue of the specification and does at each step what it says."""
+    board = kind(hello())
+    if dialogue["after_brown_out"]:
+        board.lose_power(0)
+    now_us = 0
+    for k, step in enumerate(dialogue["steps"]):
+        assert step["at_us"] >= now_us, "time goes on"
+        now_us = step["at_us"]
+        if "told" in step:
+            said = board.receive(bytes.fromhex(step["told"]), now_us)
+        else:
+            rise = step.get("counts_step", (0, 0, 0, 0))
+            for n in range(step["ticks"]):
+                now_us = step["at_us"] + n * TICK_US
+                counts = tuple(first + n * each for first, each in zip(step["counts"], rise, strict=True))
+                good = tuple(map(bool, step["encoder_good"]))
+                said = board.tick(Readings(counts, tuple(step["force"]), tuple(step["measured_mA"]), good), now_us)
+        did = {"answer": said.hex(), "state": board.state.name, "current_mA": list(board.currents)}
+        assert did == {name: step[name] for name in did}, f"{dialogue['name']}, step {k}"
+    return board
 
 
 def random_hello(rng: random.Random) -> Hello:

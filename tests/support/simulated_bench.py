@@ -26,9 +26,10 @@ class Bench:
     """A board with a simulated device, and the wires that are plugged into it; each read of a wire takes a tick."""
 
     def __init__(
-        self, behind: Device = DEVICE, hand: EmulatedHand | None = None, board_began_us: int = 0, **hello
-    ) -> None:
-        self.board = Board(hello_of(behind, "TEST")._replace(**hello))
+        self, behind: Device = DEVICE, hand: EmulatedHand | None = None, board_began_us: int = 0,
+        kind: type[Board] = Board, **hello,
+    ) -> None:  # fmt: skip
+        self.board = kind(hello_of(behind, "TEST")._replace(**hello))
         self.hand = hand or HeldHand(TIP)
         self.device = EmulatedDevice(behind, self.board.hello, self.hand, TIP, seed=1)
         self.faults: list[LineFault] = []

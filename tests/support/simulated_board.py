@@ -12,8 +12,8 @@ NO_LIMIT = (0, 0, 0, 0)
 class SimulatedBoard:
     """A board, its time, and the host's side of the wire."""
 
-    def __init__(self, hello: Hello = FULL_BOARD) -> None:
-        self.board = Board(hello)
+    def __init__(self, hello: Hello = FULL_BOARD, kind: type[Board] = Board) -> None:
+        self.board = kind(hello)
         self.layout = layout_of(hello)
         self.now_us = 0
         self.readings = STILL
