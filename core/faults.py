@@ -83,9 +83,12 @@ FAULTS = {
         "See that the hand is free and well.",
     ),
     "controller-failed": FaultWords(
-        "the file of the controller failed: it used an index beyond its array, raised an error, or answered a "
-        "decision that it does not have",
-        "Check the file with phd check-controller.",
+        "the controller's file raised an error or used an index beyond its array",
+        "Correct the file and check it with phd check-controller.",
+    ),
+    "decision-undeclared": FaultWords(
+        "the controller's file returned a decision that its ALGORITHM does not declare",
+        "Declare the decision or correct what decide returns, then check the file with phd check-controller.",
     ),
     "brakes-off": FaultWords("brakes off: {why}"),
     # of this computer

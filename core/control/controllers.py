@@ -214,10 +214,10 @@ decide_at = Caller(_sample)
 
 @kernel
 def decide_in_own_file(controller, field, tick):
-    """Call the kernel of a file of its own, which was compiled alone; `FAILED` where it raised an error.
+    """Call the kernel of a file of its own, which was compiled alone.
 
-    `FAILED`, too, where it answered a code that it does not have. The brakes' limits are put back as they were,
-    whatever the file has written there.
+    `FAILED`: it raised an error. `UNDECLARED`: it returned a decision that it does not declare. The brakes' limits are
+    put back as they were, whatever the file has written there.
     """
     if controller.address == 0:  # it came from another process: `with_address` was forgotten
         return FAILED
@@ -226,9 +226,9 @@ def decide_in_own_file(controller, field, tick):
     code = decide_at(controller.address, controller, field, tick)
     for i in range(4):
         most[i], present[i] = before[i], before[4 + i]
-    if code == FAILED:
+    if code < 0:
         release(tick.current)
-        return FAILED
+        return code
     return code + len(DECISIONS) - OWN if code >= OWN else code
 
 
@@ -256,8 +256,8 @@ def _decide_within_limits(controller, field, tick):
 def decide(controller, path, tick):
     """One tick of control (`Tick`): writes its currents, updates its memory; returns the decision code and the field.
 
-    Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN. `FAILED`: a
-    controller in a file of its own did not decide.
+    Input that is not finite releases the brakes and leaves the memory alone; the field is then NaN. `FAILED` or
+    `UNDECLARED`: a controller in a file of its own did not decide.
     """
     seen, memory, rules = tick.seen, tick.memory, controller.rules
     release(tick.current)

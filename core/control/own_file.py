@@ -17,7 +17,7 @@ import numpy as np
 from core.control.algorithm import OWN, Algorithm, Parameter
 from core.files import InputError
 from core.kernels import INTERPRETED, kernel
-from core.kernels.by_address import FAILED, Caller
+from core.kernels.by_address import Caller
 from core.kernels.decorators import Kernel
 from core.own_files import NAME, OwnFile, check_own_name, declared_by, run_own
 
@@ -26,6 +26,7 @@ MOST_WORDS = 16  # decisions of its own
 
 
 KIND = "algorithm"  # of what a file declares
+UNDECLARED = -2  # the code of a decision that the file does not declare; `FAILED` (-1) is an error that it raised
 
 
 def read_own(name: str, text: str) -> OwnFile:
@@ -153,7 +154,7 @@ def _compiled(own: OwnFile, caller: Caller) -> int:
     @kernel
     def decide_in_file(controller, field, tick):
         code = np.int64(decide(controller, field, tick))
-        return code if 0 <= code < end else np.int64(FAILED)
+        return code if 0 <= code < end else np.int64(UNDECLARED)
 
     if INTERPRETED:
         return caller.address_of(decide_in_file)

@@ -101,7 +101,7 @@ class Operators(NamedTuple):
     @property
     def label(self) -> str:
         """The operators' name on a figure."""
-        return f"simulated operators ({self.population})"
+        return f"simulated operators (population {self.population})"
 
     @property
     def note(self) -> str:

@@ -61,7 +61,8 @@ STATUSES = ("running", "done", "timeout", "aborted")
     DISOBEYED,
     TRAPPED,
     CONTROLLER_FAILED,
-) = range(9)
+    DECISION_UNDECLARED,
+) = range(10)
 REASONS = (
     "",
     "start-not-reached",
@@ -72,6 +73,7 @@ REASONS = (
     "disobeyed",
     "trapped",
     "controller-failed",
+    "decision-undeclared",
 )
 
 #: rad or sine, beyond a hard stop. Our choice: a stop gives and an encoder has steps; further out the pose is wrong.
@@ -403,9 +405,9 @@ def choose_currents(trial, seen, row):
         sensed = seen_in(seen.tip, seen.hand_force)
         tick = Tick(sensed, seen.g, seen.mass, trial.model.brakes, memory, run.current)
         run.decision, field = decide(trial.controller, trial.path, tick)
-        if run.decision == FAILED:
+        if run.decision < 0:
+            enter(run, END, ABORTED, CONTROLLER_FAILED if run.decision == FAILED else DECISION_UNDECLARED)
             run.decision = OFF
-            enter(run, END, ABORTED, CONTROLLER_FAILED)
         log_field(field, memory, row)
     else:
         log_field(NO_FIELD, memory, row)

@@ -153,11 +153,10 @@ class Trial(ABC):
 
     def refuse_failed_controller(self) -> None:
         """InputError if the file of its controller failed: of simulated trials each would."""
-        if int(self._run["reason"][0]) == tick.CONTROLLER_FAILED:
+        reason = int(self._run["reason"][0])
+        if reason in (tick.CONTROLLER_FAILED, tick.DECISION_UNDECLARED):
             after_s = (self.ticks - 1) * tick_log.TICK_S - self.trial_rules.end_s
-            raise InputError(
-                f"{self.preset.kind}: {self._words(tick.CONTROLLER_FAILED)} ({after_s:.3f} s into a trial)"
-            )
+            raise InputError(f"{self.preset.kind}: {self._words(reason)} ({after_s:.3f} s into a trial)")
 
     @property
     def finished(self) -> bool:

@@ -154,6 +154,9 @@ WILD = """
     if controller.values[1] == 5.0:
         actuate(tick, 7, 1.0)
 """
+#: A value of its parameter -> the refusal.
+RAISED, UNDECLARED = "raised an error or used an index beyond", "returned a decision that its ALGORITHM does not declare"
+REFUSED = {1: RAISED, 2: RAISED, 3: RAISED, 4: UNDECLARED, 5: RAISED}
 
 
 def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_without_current(tmp_path, monkeypatch):
@@ -162,14 +165,14 @@ def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_
     own = controller_of("wild", text)
     found = check_controller(own, {"damping_N_s_m": 0.0})
     assert not found["failed"] and found["trials"] == 8
-    for which in range(1, 6):
+    for which, reason in REFUSED.items():
         preset = make_preset("Wild", "wild.py", {"damping_N_s_m": which}, own)
-        with pytest.raises(InputError, match="wild.py: the file of the controller failed"):
+        with pytest.raises(InputError, match=f"wild.py: the controller's file {reason}"):
             ticks(preset)
     trial = new_trial(preset)
     rows = np.empty((9000, tick_log.WIDTH))
     rows = rows[: trial.run(rows)]
-    assert trial.finished and trial.outcome()["status"] == "aborted" and "failed" in trial.outcome()["reason"]
+    assert trial.finished and trial.outcome()["status"] == "aborted" and RAISED in trial.outcome()["reason"]
     assert not rows[:, tick_log.CURRENT : tick_log.CURRENT + 4].any() and np.isfinite(rows[:, tick_log.TIP_X]).all()
 
     monkeypatch.setattr(own_process, "LONGEST_S", 1.0)
