@@ -25,6 +25,7 @@ from core.device_file import BrakeFile, DeviceFile
 from core.device_interface import AnyDevice, RealDevice
 from core.files import Table, shipped_names, table_in
 from experiments.analysis.metrics import JUDGED, METRICS
+from experiments.analysis.statistics import STATISTICS
 from experiments.analysis.trials_table import STATUSES
 from experiments.numbers import fixed
 from experiments.protocol_file import ProtocolFile
@@ -73,6 +74,12 @@ def measures() -> str:
     rows = [(f"`{one.name}`", one.unit, arrows[one.better], one.meaning) for one in shown]
     found = table(("measure", "unit", "better", "what"), rows)
     return f"{found}\n`columns.json` of `phd export --csv` explains the other {len(METRICS) - len(shown)}.\n"
+
+
+def statistics() -> str:
+    """What each number of statistics.csv is."""
+    rows = [(f"`{test}`, `{statistic}`", meaning) for (test, statistic), meaning in STATISTICS.items()]
+    return table(("test, statistic", "value"), rows)
 
 
 def verbs() -> str:
@@ -244,6 +251,7 @@ def call_of(name: str, found: Callable) -> str:
 PARTS: dict[str, Callable[[], str]] = {
     "statuses": statuses,
     "measures": measures,
+    "statistics": statistics,
     "verbs": verbs,
     "assumed": assumed,
     "shipped": shipped,

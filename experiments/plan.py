@@ -279,6 +279,7 @@ def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:
     rerig = f", {RERIG_S / 60:g} min a re-rig" if len(protocol.devices) > 1 else ""
     times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
+    coded = f"sees codes, K1 to K{len(protocol.controllers)}, which the session draws when it begins"
     breaks, pages = protocol.breaks, counted(len(protocol.instruction), "page")
     every = counted(breaks.after_trials, "trial").removeprefix("1 ") if breaks else ""
     facts = {
@@ -291,7 +292,7 @@ def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) ->
         "rules": [protocol.rules],
         "seed": [f"{protocol.seed}, plan {plan_hash(plan)[:16]}"],
         "participant sees": [_seen(protocol)],
-        "experimenter": [f"sees codes, K1 to K{len(protocol.controllers)}"] if protocol.blind else [],
+        "experimenter": [coded] if protocol.blind else [],
         "measures": [_file_text(name, protocol.code[name].text) for name in [protocol.measure] if name],
         "instructions": [f"{pages} before the first trial, for a person"] if protocol.instruction else [],
         "questionnaire": [f"after each {protocol.questionnaire.each}, for a person"]

@@ -148,7 +148,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
         """The note on every figure: protocol, rules and low gain where controllers have them, assumptions."""
         kinds = [preset.kind for preset in self.controllers.values()]
         ruled = "sdof" in kinds or "proportional" in kinds
-        parts = [f"{self.name} protocol", *([f"{self.rules} rules"] if ruled else [])]
+        parts = [f"{self.rules} rules"] if ruled else []
         if kinds.count("proportional") > 1:
             about = [NO_VIBRATION] if self.assumptions.low_gain == NO_VIBRATION else []
             if kinds == TABLE_I and self.low_gain != PRINTED_LOW_GAIN:
@@ -158,7 +158,7 @@ class Protocol(Settings, frozen=True, kw_only=True):
         parts += [words] if (words := self.assumptions.words()) else []
         if self.assumed:
             parts.append(f"{in_words(self.assumed_of)} assumed")
-        return ", ".join(parts)
+        return f"Protocol {self.name}{': ' if parts else ''}{', '.join(parts)}"
 
     def controller_name(self, controller: int | str) -> str:
         """The name of a controller; a code stays as it is."""

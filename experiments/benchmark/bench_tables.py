@@ -116,11 +116,11 @@ def work_precision(result: dict) -> dict[str, bytes]:
                                   markersize=4, linewidth=1.0)  # fmt: skip
                 ax.set_title(f"{scene}, {device}")
                 ax.grid(True, linewidth=0.3)
-        axes[-1][len(_SCENES_DRAWN) // 2].set_xlabel("computing (ms) per simulated second")
+        axes[-1][len(_SCENES_DRAWN) // 2].set_xlabel("Computing time (ms) per simulated second")
         for line in axes:
             line[0].set_ylabel("RMS tip error (m)")
         handles, labels = axes[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="lower center", ncols=len(labels), frameon=False)
-        figure.suptitle("Speed against error, steps 5 to 0.1 ms (each error against the same brakes at a tiny step)")
+        figure.suptitle("Error against computing time, steps of 5 to 0.1 ms")
         figure.tight_layout(rect=(0.0, 0.4 / figure.get_figheight(), 1.0, 1.0))
     return {form: figure_bytes(figure, form) for form in ("png", "pdf")}

@@ -121,7 +121,7 @@ def draw_torque_gain(brake: Brake) -> Figure:
         linespacing=1.7, fontsize=MIDDLE, bbox=WHITE,
     )  # fmt: skip
     axes.set(xlim=(-0.02 * largest, 1.03 * largest), ylim=(0.0, top))
-    axes.set(xlabel=f"{brake.command} I ({unit})", ylabel="torque gain K (N m)")
+    axes.set(xlabel=f"{brake.command} I ({unit})", ylabel="Torque gain K (N m)")
     title(axes, f"Torque gain, Eq. (2), {brake.name}")
     return figure
 
@@ -155,7 +155,7 @@ def draw_time_constants(brake: Brake) -> Figure:
         axes.set_zlim(0.0, 1.05 * top)
         axes.set_yticks(speed, [f"{rpm:g}" for rpm in TESTED_RPM])
         axes.set_xlabel(f"{brake.command} ({brake.file.command_unit})", labelpad=4)
-        axes.set_ylabel("speed (rpm)", labelpad=5)
+        axes.set_ylabel("Speed (rpm)", labelpad=5)
         axes.set_zlabel("time constant (ms)", labelpad=3)
         axes.tick_params(labelsize=7.5, pad=1)
         plain_3d(axes)
@@ -199,7 +199,7 @@ def _over_time(text: str, height_in: float) -> tuple[Figure, Axes, Axes]:
         sharex=True,
     )
     upper, lower = grid[:, 0]
-    lower.set(xlabel="time (s)", ylabel="torque (N m)")
+    lower.set(xlabel="Time (s)", ylabel="Torque (N m)")
     plain(upper)
     plain(lower)
     return figure, upper, lower
@@ -273,8 +273,8 @@ def draw_sinusoidal_motion(brake: Brake) -> Figure:
     text = (
         f"{parameters_of(brake)} Model only, joint moved by {math.degrees(AMPLITUDE_RAD):g}° sin(2π {FREQUENCY_HZ:g} "
         f"Hz t) at a steady {current:g} {unit}; backlash {brake.file.backlash_deg:g}°. Ours: after each reversal the "
-        "brake holds its off-state torque until the play is crossed, and always opposes the motion. Paper's wording: "
-        "the signed torque lags, so it drives the joint after each reversal (shaded), which no brake can."
+        "brake holds its off-state torque until the backlash is crossed, and always opposes the motion. Paper's "
+        "wording: the signed torque lags, so it drives the joint after each reversal (shaded), which no brake can."
     )
     step, period = SINE_STEP_S, 1.0 / FREQUENCY_HZ
     times = np.arange(round(3.5 * period / step) + 1) * step - 1.0 * period
@@ -285,7 +285,7 @@ def draw_sinusoidal_motion(brake: Brake) -> Figure:
 
     figure, upper, lower = _over_time(text, 5.2)
     upper.plot(times, np.degrees(angles), color=TEXT)
-    upper.set_ylabel("angle (°)")
+    upper.set_ylabel("Angle (°)")
     title(upper, "Joint angle")
     driving = worded * np.gradient(angles) > 0.0
     lower.fill_between(times, worded, 0.0, where=driving, color=ORANGE, alpha=0.25, linewidth=0)

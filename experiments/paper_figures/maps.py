@@ -114,18 +114,20 @@ def _across(as_acceleration: bool, device: Device, x: Array, y: Array) -> tuple[
     return worst_across(pushes), mean_across(pushes)
 
 
-_KINDS = "worst", "mean"
+_KINDS = "least", "mean"
 MAPS = {
     "force": Map(
-        "force", "N",
-        "The force that all brakes together can show at right angles to the motion, to the side on which they have "
-        "less: over all directions of motion the least, and the mean.",
+        "Force", "N",
+        "The force that all brakes together can exert at right angles to the motion, to the side on which they have "
+        "less. Left: the least over all directions of motion, and in what share of the workspace it is zero. Right: "
+        "the mean over all directions, and its median over the workspace.",
         _KINDS, partial(_across, False),
     ),
     "steerability": Map(
-        "across", "m/s²",
+        "Acceleration", "m/s²",
         "The acceleration that all brakes together can give a free tip at right angles to its motion, to the side on "
-        "which they have less: over all directions of motion the least, and the mean. An arc of radius r at a speed v "
+        "which they have less. Left: the least over all directions of motion, and in what share of the workspace it is "
+        "zero. Right: the mean over all directions, and its median over the workspace. An arc of radius r at a speed v "
         "needs v²/r: at 0.1 m/s 1 m/s² is a radius of 1 cm.",
         _KINDS, partial(_across, True),
     ),
@@ -134,7 +136,7 @@ MAPS = {
 
 def draw_map(shown: Map, devices: Sequence[Device]) -> Figure:
     """A row of two maps for each device; above each the median over its workspace, or how much of it has nothing."""
-    text = f"{parameters_of(*devices)} {shown.text} Grey: the limit set by the hard stops."
+    text = f"{parameters_of(*devices)} {shown.text} Outline: the limit set by the hard stops."
     workspaces = [workspace_of(device.mechanism) for device in devices]
     values = [
         shown.values(device, *np.meshgrid(workspace.x, workspace.y))
@@ -155,7 +157,7 @@ def draw_map(shown: Map, devices: Sequence[Device]) -> Figure:
             inside = value[workspace.room > 0.0]
             none = float(np.mean(inside == 0.0))
             middle = _with_unit(significant(float(np.nanmedian(inside))), shown.unit)
-            title(axes, f"{device.name}, {kind}: {f'none in {percent(none)}' if none else middle}")
+            title(axes, f"{device.name}, {kind}: {f'zero in {percent(none)}' if none else middle}")
         row[1].set_ylabel("")
     height = figure.get_figheight()
     bottom = 1.0 - (margins[3] + inner) / height

@@ -94,9 +94,9 @@ def draw_passive_master(device: Device) -> Figure:
     text = (
         f"{parameters_of(device)} Simulation only; hand, slave and wall are our choice. A hand (spring of "
         f"{HAND_N_M:g} N/m, at most {HAND_MOST_N:g} N) goes {1e3 * reach_in(workspace):.0f} mm into a wall that a "
-        "slave touches, and holds there. Brakes: controller `reflect`, full brake model. Motor: exerts the force that "
-        "arrives as it is, brakes off. Shaded: behind the wall. Put in: "
-        "the most that the work of their forces on the tip came to at any time."
+        "slave touches, and holds there. Brakes: controller reflect, full brake model. Motor: exerts the force that "
+        "arrives as it is, brakes off. Shaded: the wall. Energy put in: the largest work of their forces on the tip up "
+        "to any time."
     )
     figure, [[course, energy, share]] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.2, 0.5, 0.95), (1, 3), (0.6, 0.0))
     contacts = {m: [contact(device, workspace, delay, m) for delay in DELAYS_S] for m in (False, True)}
@@ -106,15 +106,15 @@ def draw_passive_master(device: Device) -> Figure:
     for motor, (name, colour, look) in looks.items():
         shown = contacts[motor][at]
         t = shown.rows[:, log.T]
-        course.plot(t, 1e3 * shown.depth, color=colour, linewidth=1.6, label=f"handle, {name}")
-        course.plot(t, 1e3 * shown.slave, color=colour, linewidth=0.9, linestyle=(0, (4, 2)), label=f"slave, {name}")
+        course.plot(t, 1e3 * shown.depth, color=colour, linewidth=1.6, label=f"Handle, {name}")
+        course.plot(t, 1e3 * shown.slave, color=colour, linewidth=0.9, linestyle=(0, (4, 2)), label=f"Slave, {name}")
         energy.plot(delays, [c.put_in_J for c in contacts[motor]], look, color=colour, markersize=4)
         share.plot(delays, [100.0 * c.share for c in contacts[motor]], look, color=colour, markersize=4)
     low, high = course.get_ylim()
     course.axhspan(0.0, high, color=SHADED, linewidth=0.0, zorder=0)
-    course.set(ylim=(low, high), xlabel="time (s)", ylabel="behind the wall (mm)", xlim=(0.0, DURATION_S))
-    energy.set(xlabel="delay, each way (ms)", ylabel="energy put in (J)")
-    share.set(xlabel="delay, each way (ms)", ylabel="of the force sent (%)", ylim=(0.0, 108.0))
+    course.set(ylim=(low, high), xlabel="Time (s)", ylabel="Depth in the wall (mm)", xlim=(0.0, DURATION_S))
+    energy.set(xlabel="Delay, each way (ms)", ylabel="Energy put in (J)")
+    share.set(xlabel="Delay, each way (ms)", ylabel="Share of the force sent (%)", ylim=(0.0, 108.0))
     titles = f"{1e3 * SHOWN_DELAY_S:g} ms each way", "Energy put in", "Force exerted"
     for axes, words in zip((course, energy, share), titles, strict=True):
         plain(axes)

@@ -98,7 +98,7 @@ def draw_releases(device: Device) -> Figure:
     motions = [[release(device, start, anchor, locked) for start in starts] for locked in locks]
     _same_frame(grid[0], np.concatenate([motion.tip for column in motions for motion in column]))
     for (paths, *moved), locked, releases in zip(grid.T, locks, motions, strict=True):
-        title(paths, f"{device.labels[locked]} locked" if locked else "none locked")
+        title(paths, f"{device.labels[locked]} locked" if locked else "None locked")
         _draw_paths(paths, workspace, releases)
         for axis, axes in enumerate(moved):
             for motion, look in zip(releases, LOOKS, strict=True):
@@ -115,7 +115,7 @@ def draw_releases(device: Device) -> Figure:
     for upper, middle, lower in grid.T:
         upper.set_xlabel("x (cm)", labelpad=1)
         middle.tick_params(labelbottom=False)
-        lower.set_xlabel("time (s)")
+        lower.set_xlabel("Time (s)")
     handles = [
         Line2D([], [], linewidth=1.4, label=f"from {place_cm(start)}", **look)
         for start, look in zip(starts, LOOKS, strict=True)

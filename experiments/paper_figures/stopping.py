@@ -67,24 +67,27 @@ def draw_stopping(device: Device) -> Figure:
     held = least_held(device.mechanism, device.brakes, np.array([tip]))
     text = (
         f"{parameters_of(device)} Handle at {place_cm(tip)}, where a full lock "
-        f"holds {held:.0f} N in any direction: a push of more cannot be stopped. Lines: upper bound of the guard for "
-        "a hand that does whatever it wants with no more than that push, brakes off until now, in the worst direction "
-        "of its motion; a line ends where the guard cannot be sure any more. Circles: the simulated handle, pushed "
-        "straight on, in its worst direction, with the play."
+        f"holds {held:.0f} N in any direction; it cannot stop a harder push. Lines: the guard's bound for any hand "
+        "that pushes with no more than that, with the brakes off until now, in the worst direction of its motion; a "
+        "line ends where the guard has no bound. Circles: the simulated handle, pushed straight on in its worst "
+        "direction, with backlash."
     )
     figure, [axes] = sheet(text, (PAGE_IN, 3.9), (0.65, 0.25, 0.5, 0.95), (1, 2), (0.6, 0.0), sharey=True)
-    for panel, play, words in ((axes[0], True, "With the play of the brakes"), (axes[1], False, "Without play")):
+    for panel, play, words in (
+        (axes[0], True, "With the backlash of the brakes"),
+        (axes[1], False, "Without backlash"),
+    ):
         for push, colour in PUSHES_N.items():
             if push >= held:
                 continue
             way = 1e3 * bounds(device, tip, push, play)
-            panel.plot(SPEEDS_M_S, np.where(np.isfinite(way), way, np.nan), color=colour, label=f"push {push:g} N")
+            panel.plot(SPEEDS_M_S, np.where(np.isfinite(way), way, np.nan), color=colour, label=f"Push {push:g} N")
             if play:
                 circles = [1e3 * simulated_way(device, tip, push, speed) for speed in SIMULATED_M_S]
                 panel.plot(SIMULATED_M_S, circles, "o", color=colour, markersize=4, mfc="white", clip_on=False)
-        panel.set(xlabel="speed of the handle (m/s)", xlim=(0.0, SPEEDS_M_S[-1]), ylim=(0.0, 1e3 * MOST_M))
+        panel.set(xlabel="Speed of the handle (m/s)", xlim=(0.0, SPEEDS_M_S[-1]), ylim=(0.0, 1e3 * MOST_M))
         plain(panel)
         title(panel, words)
-    axes[0].set_ylabel("stopping distance (mm)")
+    axes[0].set_ylabel("Stopping distance (mm)")
     heading(figure, f"Stopping distance, {device.name}", axes[0].get_legend_handles_labels()[0])
     return figure

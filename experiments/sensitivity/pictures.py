@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import PercentFormatter
 
 from experiments.analysis.findings import STATEMENTS
 from experiments.analysis.sheet import (
@@ -45,11 +46,12 @@ def overview(share: pd.DataFrame, chance: pd.Series, note: str) -> bytes:
         axes.barh(places, share["share"], 0.62, color=PALE, zorder=2)
         ends = (share["share"] - share["low"], share["high"] - share["share"])
         axes.errorbar(share["share"], places, xerr=ends, fmt="none", ecolor=TEXT, elinewidth=1.0, zorder=3)
-        label = "if no controller did anything"
+        label = "Without any working controller"
         axes.plot(chance, places, "|", color=BROWN, label=label, markersize=11.0, zorder=4)
-        title(axes, "Share of samples in which it holds")
+        title(axes, "Share of samples in which each statement holds (%)")
         names = [textwrap.fill(f"{number}  {TEXTS[number]}", 50) for number in share.index]
         axes.set(xlim=(0.0, 1.0), yticks=places, yticklabels=names)
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
         axes.invert_yaxis()
         axes.tick_params(axis="y", labelsize=SMALL, length=0)
         axes.legend(frameon=False, fontsize=SMALL, loc="upper left", bbox_to_anchor=(0.0, -0.06))

@@ -72,9 +72,9 @@ def report_files(
     """The files of the report by name, and what the summary says of it. Arguments: as `Judgement`'s."""
     found = Judgement(table, ranges, shares, seed)
     note = (
-        f"{found.n} samples of the ranges {ranges.name!r}, seed {seed}: a study of {ranges.operators} simulated people "
-        "each, with values of its own for what the paper does not print, judged by pooled boxes. Shares are of what "
-        "was drawn, not of what is likely."
+        f"{found.n} samples of the ranges {ranges.name!r}, seed {seed}: a study of {ranges.operators} simulated "
+        "operators each, with its own values for what the paper does not give, judged by pooled boxes. Shares are of "
+        "what was drawn, not of what is likely."
     )
     if ranges.fixed:
         fixed_values = ", ".join(f"{ranges.label(column)} {of.value}" for column, of in ranges.fixed.items())

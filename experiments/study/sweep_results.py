@@ -142,8 +142,8 @@ def draw_effects(found: pd.DataFrame, measures: Sequence[Metric], name: str) -> 
     """PNG: the mean at each value, a column a key and a row a measure."""
     keys, shown = list(found["key"].unique()), [metric for metric in measures if metric.name in set(found["measure"])]
     note = (
-        f"Sweep {name}. Mean of the simulated people, each the mean over everything else that the sweep varies. Trials "
-        "that did not reach the end are left out."
+        f"Sweep {name}. Mean of the simulated operators, each the mean over everything else that the sweep varies. "
+        "Trials that did not reach the end are left out."
     )
     size = max(PAGE_IN, 1.1 + (PANEL_IN + 0.25) * len(keys)), (PANEL_IN + 0.35) * len(shown)
     with matplotlib.rc_context(STYLE):

@@ -33,18 +33,18 @@ def test_the_paper_is_studied_behind_encoders_with_its_low_gain_in_its_own_lengt
     assert PAPER.assumptions == PAPER.trial.assumptions == Assumptions(sensing="encoders")
     assert PAPER.low_gain == 500.0
     assert PAPER.note() == (
-        "paper protocol, settled rules, low gain 500 N s/m (Table I prints 5), sensing encoders, "
+        "Protocol paper: settled rules, low gain 500 N s/m (Table I prints 5), sensing encoders, "
         "device, brakes and paths assumed"
     )
     as_printed = load_protocol(low_gain=5.0, sensing="ideal")
     assert as_printed.assumptions == Assumptions(low_gain=5.0) and as_printed.controllers[5].value("gain_N_s_m") == 5.0
-    assert as_printed.note() == "paper protocol, settled rules, low gain 5 N s/m, device, brakes and paths assumed"
+    assert as_printed.note() == "Protocol paper: settled rules, low gain 5 N s/m, device, brakes and paths assumed"
 
 
 def test_what_differs_from_the_defaults_stands_in_the_note_and_is_stored():
     protocol = assuming('sensing = "encoders"\nlag_factor = 3.0\nlow_gain = 120.0')
     assert protocol.note() == (
-        "paper protocol, settled rules, low gain 120 N s/m (Table I prints 5), lag factor 3, sensing encoders, "
+        "Protocol paper: settled rules, low gain 120 N s/m (Table I prints 5), lag factor 3, sensing encoders, "
         "device, brakes and paths assumed"
     )
     again = protocol_from_json(protocol_to_json(protocol), "stored")
