@@ -78,8 +78,7 @@ def measures() -> str:
 
 def statistics() -> str:
     """What each number of statistics.csv is."""
-    rows = [(f"`{test}`, `{statistic}`", meaning) for (test, statistic), meaning in STATISTICS.items()]
-    return table(("test, statistic", "value"), rows)
+    return table(("statistic", "value"), [(f"`{name}`", meaning) for name, meaning in STATISTICS.items()])
 
 
 def verbs() -> str:
@@ -121,7 +120,10 @@ def shipped() -> str:
 def assumed() -> str:
     """What we assume of the paper's devices and of their brake."""
     three, four = column_of("three-brake"), column_of("four-brake")
-    return table(("", "three brakes", "four brakes"), [(what, three[what], four[what]) for what in three])
+    same = {what: value for what, value in three.items() if four[what] == value}
+    return table(
+        ("", "assumed"), [(what, same.get(what, f"{three[what]}; four brakes: {four[what]}")) for what in three]
+    )
 
 
 def column_of(name: str) -> dict[str, str]:

@@ -65,22 +65,22 @@ class Result(NamedTuple):
     missing: str = ""  # why there is no p, or no interval
 
 
-#: Test and statistic -> what the value is.
+#: Statistic -> what its value is.
 STATISTICS = {
-    ("mean", "mean"): "mean of the participants' means; interval by Student's t",
-    ("friedman", "chi_square"): "Friedman's test: `p` says whether the controllers differ at all",
-    ("friedman", "kendall_W"): "do the participants agree on their order? 0: not at all, 1: fully",
-    ("difference", "hodges_lehmann"): "middle of the participants' differences; `p` by Wilcoxon's signed-rank test",
-    ("difference", "rank_biserial"): "do most participants differ in this direction? -1 to 1; Wilson's interval",
-    ("trend", "percent_in_10_trials"): "change over ten trials of one task, in % of the participant's mean; median",
-    ("speed", "m_per_doubling"): "change of the path error (m) at twice the speed",
-    ("speed", "correlation"): "of path error and speed, -1 to 1",
-    ("speed", "doublings_above_own_mean"): "speed against the participant's mean; 1: twice as fast",
-    ("speed", "mean_error"): "path error (m)",
-    ("speed", "error_at_common_speed"): "path error (m) if all controllers had been used equally fast",
-    ("order", "kendall_tau"): "do `measure` and `second` rank the controllers alike? 1: yes, -1: reversed",
-    ("roughness", "ratio_of_medians"): "median of the trials with `first` over that with `second`",
-    ("reaction", "median_ratio"): "the measure without the reaction time over that with it; median trial",
+    "mean": "mean of the participants' means; interval by Student's t",
+    "chi_square": "Friedman's test: `p` says whether the controllers differ at all",
+    "kendall_W": "do the participants agree on the order of the controllers? 0: not at all, 1: fully",
+    "hodges_lehmann": "middle of the participants' differences; `p` by Wilcoxon's signed-rank test",
+    "rank_biserial": "do most participants differ in this direction? -1 to 1; interval by Wilson's score",
+    "percent_in_10_trials": "change over ten trials of one task, in % of the participant's mean; median",
+    "m_per_doubling": "change of the path error (m) at twice the speed",
+    "correlation": "of path error and speed, -1 to 1",
+    "doublings_above_own_mean": "speed against the participant's own mean; 1: twice as fast",
+    "mean_error": "mean of the participants' path errors (m)",
+    "error_at_common_speed": "the same, if all controllers had been used equally fast",
+    "kendall_tau": "do `measure` and `second` rank the controllers alike? 1: yes, -1: reversed",
+    "ratio_of_medians": "median of the trials with `first` over that with `second`",
+    "median_ratio": "the measure without the reaction time over that with it; median trial",
 }
 #: Of `with_names`.
 NAMED = (*Result._fields, "first_name", "second_name")

@@ -110,7 +110,7 @@ def work_precision(result: dict) -> dict[str, bytes]:
                            (row["integrator"], row["fidelity"], row["device"], row["scene"])
                            == (integrator, fidelity, device, scene)]  # fmt: skip
                     if own:
-                        name = integrator if fidelity == "ideal" else f"{integrator}, {fidelity} brakes"
+                        name = integrator if fidelity == "ideal" else f"{integrator}, with lag and backlash"
                         spent = [1e3 * row["wall_s_per_sim_s"] for row in own]
                         ax.loglog(spent, [row["rms_error_m"] for row in own], color=colour, marker=marker, label=name,
                                   markersize=4, linewidth=1.0)  # fmt: skip
