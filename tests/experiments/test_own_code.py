@@ -155,7 +155,7 @@ WILD = """
         actuate(tick, 7, 1.0)
 """
 #: A value of its parameter -> the refusal.
-RAISED, UNDECLARED = "raised an error or used an index beyond", "returned a decision that its ALGORITHM does not declare"
+RAISED, UNDECLARED = "raised an error or used an index beyond", "returned a decision that its ALGORITHM does not"
 REFUSED = {1: RAISED, 2: RAISED, 3: RAISED, 4: UNDECLARED, 5: RAISED}
 
 
