@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 from protocols import PAPER, short
-from sessions import Killed, crash_in_trial, files, kill, killing, new_session, of, run_trials
+from sessions import crash_in_trial, files, new_session, of, run_trials
 
 from app.cli import main
 from core.control.controllers import ALGORITHMS
@@ -128,20 +128,6 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
     analyze(data, tmp_path / "out")  # from the recordings: the same table
     by_analysis, table = read_rows(tmp_path / "out" / "trials.csv"), read_rows(data / "trials.csv")
     assert [replace(row, recording="") for row in by_analysis] == [replace(row, recording="") for row in table]
-
-
-def test_a_crash_after_the_journal_line_still_unblinds_the_tables(data, monkeypatch):
-    session = Session.resume(data, "01", sync=False)
-    with monkeypatch.context() as patch, pytest.raises(Killed):
-        patch.setattr("experiments.store.files.write_session_table", killing())
-        session.unblind("Dr Weiss")
-    kill(session)
-    assert [fault["file"] for fault in verify(data)["faults"]] == ["sub-01/ses-01/trials.csv"]
-    Session.resume(data, "01", sync=False).close()
-    assert verify(data)["faults"] == []
-    rows = read_rows(of(data) / "trials.csv")
-    assert all(isinstance(row.controller, int) for row in rows)
-    assert all(row.value("switches_per_s") is not None for row in rows if row.recording)
 
 
 def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, concluded, tmp_path, capsys):

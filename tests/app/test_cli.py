@@ -6,10 +6,12 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
+from waiting import wait_until
 
 from app.cli import main
 from core.device import load_device
@@ -98,47 +100,35 @@ def test_a_fault_of_our_own_is_named_as_one_and_its_traceback_kept(folder, tmp_p
     assert said.endswith(str(report)) and "in broken" in report.read_text()
 
 
-def phd(*arguments: str, **options) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "app.cli", *arguments],
-        env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options,
-    )  # fmt: skip
-
-
-def hear_ctrl_c() -> None:
-    """Also where whoever started the tests does not, as in the background of a shell."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM there, and Ctrl-C goes to all processes of a console")
-def test_a_long_run_that_is_stopped_leaves_no_file(folder):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, monkeypatch, request):
     """A row takes minutes: its kernel hears nothing, the program does."""
     change(folder / "scene.toml", "step_s = 1e-3", "step_s = 1e-5\noutput_interval_s = 9e3")
     change(folder / "scene.toml", "duration_s = 0.05", "duration_s = 9e3")
     change(folder / "scene.toml", 'file = "force.csv"', "constant_N = [0, 0]")
-    codes = {signal.SIGINT: 130, signal.SIGTERM: 143}
-    outs = {number: folder / f"{number.name}.csv" for number in codes}
-    running = {
-        number: phd("simulate", "scene.toml", "--out", out.name, preexec_fn=hear_ctrl_c) for number, out in outs.items()
-    }
-    try:
-        deadline = time.perf_counter() + 200
-        while time.perf_counter() < deadline and not all(out.exists() for out in outs.values()):
-            time.sleep(0.05)
-        time.sleep(2.0)  # its kernels are loaded
-        for number, process in running.items():
-            process.send_signal(number)
-            _, said = process.communicate(timeout=200)
-            assert process.returncode == codes[number] and "Traceback" not in said
-    finally:
-        for process in running.values():
-            process.kill()  # one that does not hear
-    assert not any(out.exists() for out in outs.values())
+    for heard, how in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
+        before = signal.signal(heard, how)
+        request.addfinalizer(lambda heard=heard, before=before: signal.signal(heard, before))
+
+    def stop() -> None:
+        wait_until((folder / "out.csv").exists)
+        time.sleep(0.5)  # its kernels are loaded
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(sys, "argv", ["phd", "simulate", "scene.toml", "--out", "out.csv"])
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    assert main() == 128 + number
+    stopping.join()
+    assert not (folder / "out.csv").exists()
 
 
 def test_a_verb_whose_reader_is_gone_ends_quietly():
-    process = phd("run", "--print-plan", stdin=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "run", "--print-plan"], env=os.environ | {"PYTHONPATH": str(ROOT)},
+        text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait(200) == 141

@@ -120,7 +120,11 @@ def tree(tmp_path: Path) -> Tree:
     return Tree(tmp_path)
 
 
-def test_first_use_sets_up_once_and_hands_arguments_and_exit_codes_on(tree: Tree) -> None:
+def change_pins(tree: Tree, name: str = "constraints.txt") -> None:
+    (tree.root / name).write_text((tree.root / name).read_text() + "# changed\n")
+
+
+def test_the_environment_is_set_up_once_updated_with_its_pins_and_made_anew_for_a_moved_tree(tree: Tree) -> None:
     done = tree.run("study", "two words", "--seed", "1")
     assert (done.returncode, done.stdout) == (0, "phd was given: study two words --seed 1\n"), done.stderr
     assert "first use" in done.stderr and "pip talks" in done.stderr
@@ -132,46 +136,51 @@ def test_first_use_sets_up_once_and_hands_arguments_and_exit_codes_on(tree: Tree
     again = tree.run("doctor", "fails")
     assert (again.returncode, again.stdout, again.stderr) == (7, "phd was given: doctor fails\n", "")
     assert tree.log.read_text() == before
+    for number, name in enumerate(("constraints.txt", "pyproject.toml"), start=2):
+        change_pins(tree, name)
+        done = tree.run("doctor")
+        assert done.returncode == 0 and "bringing .venv up to date" in done.stderr
+        assert (len(tree.calls("pip")), len(tree.calls("venv"))) == (2 * number, 1)
+    tree.root = tree.root.rename(tree.root.with_name("moved"))
+    assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 2
+    settings = tree.root / ".venv/pyvenv.cfg"
+    settings.write_text(re.sub("home = .*", lambda _: f"home = {tree.path}", settings.read_text()))
+    assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 3
 
 
-def test_the_set_up_stands_where_the_kernels_cannot_be_compiled(tree: Tree) -> None:
+def test_the_set_up_stands_where_the_kernels_cannot_be_compiled_and_a_window_does_not_wait_for_them(tree: Tree) -> None:
     done = tree.run("doctor", COMPILING_FAILS="yes")
     assert done.returncode == 0 and "could not be compiled now" in done.stderr
     assert tree.run("doctor").stderr == ""
-
-
-def test_a_window_is_not_kept_waiting_for_the_kernels(tree: Tree) -> None:
+    shutil.rmtree(tree.root / ".venv")
     begun = time.perf_counter()
     done = tree.run("run", COMPILING_S="100")
     assert (done.returncode, done.stdout) == (0, "phd was given: run\n"), done.stderr
     assert time.perf_counter() - begun < 100 and "could not be compiled" not in done.stderr
 
 
-def test_changed_pins_bring_the_environment_up_to_date(tree: Tree) -> None:
-    tree.run("doctor")
-    for number, name in enumerate(("constraints.txt", "pyproject.toml"), start=2):
-        (tree.root / name).write_text((tree.root / name).read_text() + "# changed\n")
-        done = tree.run("doctor")
-        assert done.returncode == 0 and "bringing .venv up to date" in done.stderr
-        assert (len(tree.calls("pip")), len(tree.calls("venv"))) == (2 * number, 1)
-    assert tree.run("doctor").stderr == ""
-
-
 @shell
-@pytest.mark.parametrize("update", [False, True])
-def test_a_killed_set_up_or_update_is_redone_from_the_start(tree: Tree, tmp_path: Path, update: bool) -> None:
-    if update:
-        tree.run("doctor")
-        (tree.root / "constraints.txt").write_text("numpy==0.1\n")
+def test_a_killed_set_up_or_update_is_redone_from_the_start(tree: Tree, tmp_path: Path) -> None:
+    for _ in ("set-up", "update"):
         tree.log.write_text("")
-    process = tree.start("doctor", PIP_WAITS_FOR=str(tmp_path / "never"))
-    tree.wait_for_pip()
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-    (tree.root / ".venv/half").touch()
-    tree.log.write_text("")
-    assert tree.run("doctor").stdout == "phd was given: doctor\n"
-    assert len(tree.calls("venv")) == 1 and not (tree.root / ".venv/half").exists()
+        process = tree.start("doctor", PIP_WAITS_FOR=str(tmp_path / "never"))
+        tree.wait_for_pip()
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        (tree.root / ".venv/half").touch()
+        tree.log.write_text("")
+        assert tree.run("doctor").stdout == "phd was given: doctor\n"
+        assert len(tree.calls("venv")) == 1 and not (tree.root / ".venv/half").exists()
+        change_pins(tree)
+
+
+def test_a_failed_set_up_is_redone_and_a_failed_update_keeps_the_environment(tree: Tree) -> None:
+    for made in (2, 2):  # environments so far
+        failed = tree.run("doctor", PIP_FAILS="1")
+        assert (failed.returncode, failed.stdout) == (1, "") and "pip could not install" in failed.stderr
+        assert tree.run("doctor").returncode == 0
+        assert len(tree.calls("venv")) == made
+        change_pins(tree)
 
 
 def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_path: Path) -> None:
@@ -184,26 +193,6 @@ def test_two_first_uses_at_once_set_up_once_and_both_succeed(tree: Tree, tmp_pat
     assert first.communicate(timeout=120)[0] == "phd was given: doctor\n"
     assert second.communicate(timeout=120)[0] == "phd was given: doctor\n"
     assert (len(tree.calls("venv")), len(tree.calls("pip"))) == (1, 2)
-
-
-@pytest.mark.parametrize("update", [False, True])
-def test_a_failed_set_up_is_redone_and_a_failed_update_keeps_the_environment(tree: Tree, update: bool) -> None:
-    if update:
-        tree.run("doctor")
-        (tree.root / "constraints.txt").write_text("numpy==0.1\n")
-    failed = tree.run("doctor", PIP_FAILS="1")
-    assert (failed.returncode, failed.stdout) == (1, "") and "pip could not install" in failed.stderr
-    assert tree.run("doctor").returncode == 0
-    assert len(tree.calls("venv")) == (1 if update else 2)
-
-
-def test_a_moved_tree_or_another_python_is_set_up_anew(tree: Tree) -> None:
-    tree.run("doctor")
-    tree.root = tree.root.rename(tree.root.with_name("moved"))
-    assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 2
-    settings = tree.root / ".venv/pyvenv.cfg"
-    settings.write_text(re.sub("home = .*", lambda _: f"home = {tree.path}", settings.read_text()))
-    assert tree.run("doctor").returncode == 0 and len(tree.calls("venv")) == 3
 
 
 def test_without_python_the_launcher_says_what_to_type(tree: Tree) -> None:
@@ -263,13 +252,11 @@ def test_libraries_of_qt_are_installed_for_root_and_others_get_the_command_to_ty
     assert len(debian.ran) == 2
 
 
-WITH_A_WINDOW = ["", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"]
-WITHOUT = ["study --out d", "replay a --out b", "replay a --json", "run --print-plan", "run --help", "--help"]
-
-
-@pytest.mark.parametrize("words", WITH_A_WINDOW + WITHOUT)
-def test_a_verb_with_a_window_needs_the_libraries_and_no_other(words: str) -> None:
-    assert set_up.opens_window(words.split()) == (words in WITH_A_WINDOW)
+def test_a_verb_with_a_window_needs_the_libraries_and_no_other() -> None:
+    for words in ("", "run", "run --device d.toml", "--device d.toml", "replay a", "test x"):
+        assert set_up.opens_window(words.split()), words
+    for words in ("study --out d", "replay a --out b", "replay a --json", "run --print-plan", "run --help", "--help"):
+        assert not set_up.opens_window(words.split()), words
 
 
 def pins() -> dict[str, str]:
@@ -308,7 +295,4 @@ def test_everything_the_project_needs_is_pinned_and_installed_as_pinned() -> Non
     for text in project["build-system"]["requires"] + extras["bench"] + extras["cluster"]:
         need = Requirement(text)
         assert need.specifier == f"=={pins()[canonicalize_name(need.name)]}"
-
-
-def test_qt_is_one_of_the_two_versions_that_keep_their_references() -> None:
-    assert pins()["pyside6-essentials"] in ("6.8.3", "6.9.3")
+    assert pins()["pyside6-essentials"] in ("6.8.3", "6.9.3"), "the two versions that keep their references"
