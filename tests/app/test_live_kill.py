@@ -133,7 +133,8 @@ while True:
 
 
 def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_goes_on(tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "data", hand="operator", seed=5, real_time=False)
+    (tmp_path / "quick.toml").write_text(changed(PAPER.text, hold_s="0.1"), encoding="utf-8")
+    setup = Setup(tmp_path / "data", str(tmp_path / "quick.toml"), hand="operator", seed=5, real_time=False)
     support = Path(__file__).resolve().parents[1] / "support"
     environment = {**os.environ, "PYTHONPATH": str(support.parents[1])}
     command = [sys.executable, "-c", WINDOW, setup.to_json(), str(support)]

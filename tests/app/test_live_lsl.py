@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from live import live_window
+from protocols import PAPER, changed
 from refusals import refusal
 from waiting import LONG_S, wait_until
 
@@ -165,7 +166,9 @@ def test_without_pylsl_the_terminal_says_what_to_type_and_nothing_is_written(tmp
 
 
 def test_an_inlet_gets_every_tick_of_a_trial_with_its_time_and_markers_in_order(lsl, tmp_path: Path) -> None:
-    setup = Setup(tmp_path / "data", hand=OPERATOR, sync=False, lsl=True)
+    protocol = tmp_path / "quick.toml"
+    protocol.write_text(changed(PAPER.text, hold_s="0.1", end_radius_m="0.08"), encoding="utf-8")
+    setup = Setup(tmp_path / "data", str(protocol), hand=OPERATOR, sync=False, lsl=True)
     with live_window(setup) as window:
         ticks, markers = Inlet(lsl, TICKS), Inlet(lsl, MARKERS)
         window.open()

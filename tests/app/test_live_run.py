@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from recorded import new_session_database
 from waiting import LONG_S, wait_until
 
+from app.ipc.jobs import Prepared, TrialReturned
 from app.ipc.ring import Ring
 from app.loop.real_time import ROOM
 from app.session_server.loop_process import LoopProcess
@@ -35,18 +36,9 @@ def loop():
     """A ring and a prepared loop."""
     ring = Ring(ticks=SMALL)
     process = LoopProcess(ring, real_time=False)
-    answer_of(ring, process)
+    wait_until(lambda: ring.beat() or any(isinstance(answer, Prepared) for answer in process.receive()))
     yield ring, process
     process.close()
-
-
-def answer_of(ring: Ring, process: LoopProcess):
-    end = time.perf_counter() + LONG_S
-    while not (answers := process.receive()):
-        ring.beat()
-        assert time.perf_counter() < end and not process.closed
-        time.sleep(0.005)
-    return answers[0]
 
 
 class Disk:
@@ -71,7 +63,7 @@ def run_trial(loop: tuple[Ring, LoopProcess], disk: Disk, trial: Trial, ticks: i
     run = TrialRun(ring, process, trial, disk)
     end = time.perf_counter() + LONG_S
     ring.control.server_beat = 1 << 62  # however long this machine holds us up: that is not what is tested
-    while not (answers := process.receive()):
+    while not (answers := [answer for answer in process.receive() if isinstance(answer, TrialReturned)]):
         if why := run.recorder.error or ("enough" if len(run.recorder.lateness_us) >= ticks else ""):
             run.stop(why)
         assert time.perf_counter() < end

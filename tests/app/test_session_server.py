@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from live import Window
 from protocols import PAPER
+from sessions import unfinished
 from simulated_loop import local_window
 from synthetic_hand import SyntheticHand
 
@@ -141,6 +142,10 @@ def test_a_session_is_not_left_in_mid_trial_and_what_it_recorded_stays(tmp_path:
         assert not seen.until_stage(m.NO_SESSION).can_leave
         seen.client.send(m.Open("01", resume=True))
         assert [row.status for row in seen.until(lambda s: s.rows).rows] == ["redone"]
+        run = seen.start().running.run
+        seen.client.stop("the window was closed")
+        assert seen.recording(run).whole and seen.recording(run).outcome["reason"] == "the window was closed"
+    assert unfinished(tmp_path / "data") == ("01",)
 
 
 def test_a_studys_folder_takes_no_other_session(tmp_path: Path) -> None:
