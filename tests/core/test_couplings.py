@@ -29,11 +29,7 @@ def angles(bar, joint: str, tips) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "bar, scene",
-    [
-        *((bar, scene) for bar in (PTER, APART) for scene in ("E locked", "C locked", "switching")),
-        (UNEQUAL, "E locked"),
-        (UNEQUAL, "C locked"),
-    ],
+    [(PTER, "switching"), *((bar, scene) for bar in (UNEQUAL, APART) for scene in ("E locked", "C locked"))],
     ids=lambda value: getattr(value, "name", value),
 )
 def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scene):
@@ -61,7 +57,7 @@ def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity)
     if fidelity == "mr":
         commands = yields(bar, 0.0, **{joint: 1.0})
         simulation.braking["torque_yield"][0] = [5.3 if j == joint else 0.35 for j in JOINTS]
-    rows = simulation.run(10.0, 1e-3, commands)
+    rows = simulation.run(2.0, 1e-3, commands)
     turned = angles(bar, joint, rows[:, 1:3])
     assert np.ptp(rows[:, 1]) + np.ptp(rows[:, 2]) > 0.01
     assert np.abs(turned - turned[0]).max() < 5e-15 * sum(abs(a) + abs(b) for j, a, b in bar.couplings if j == joint)
@@ -69,7 +65,7 @@ def test_a_locked_clutch_holds_its_angle_not_only_its_rate(bar, joint, fidelity)
 
 @coupled
 @pytest.mark.parametrize("integrator", ["event", "stepping"])
-@pytest.mark.parametrize("way", [0, 60, 90, 120, 180, 225, 270, 315])
+@pytest.mark.parametrize("way", [0, 60, 90, 120, 225])
 def test_couplings_without_torque_leave_the_motion_and_the_stops_as_they_are(bar, integrator, way):
     """Pushed into the stops of the elbows and of D, along them and into their corners, and thrown back."""
     plain = replace(bar, couplings=(), braked="AB", name="without couplings", rotor=0.0)

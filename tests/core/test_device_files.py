@@ -105,19 +105,6 @@ def test_what_a_device_file_may_leave_out_is_as_it_says():
     assert odd.braked == "BC" and list(odd.brakes.present) == [0, 0, 1, 1]
 
 
-def test_the_stored_texts_rebuild_the_same_device():
-    for dev in (THREE, FOUR):
-        again = build_device(dev.text, dev.brake_texts, "stored")
-        for ours, theirs in zip(dev.brakes, again.brakes, strict=True):
-            assert np.array_equal(ours, theirs)
-        assert again.mechanism.arm_1 == dev.mechanism.arm_1 and again.mechanism.arm_2 == dev.mechanism.arm_2
-        assert (again.name, again.braked, again.force_normalised_N) == (
-            dev.name,
-            dev.braked,
-            dev.force_normalised_N,
-        )
-
-
 def test_a_copied_device_file_is_as_good_as_the_shipped_name_and_a_brake_is_found_relative_to_it(tmp_path: Path):
     (tmp_path / "mine.toml").write_text(FOUR.text)
     assert load_device(tmp_path / "mine.toml").mechanism.arm_2 == FOUR.mechanism.arm_2

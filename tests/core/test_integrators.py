@@ -1,11 +1,16 @@
 """Order of accuracy, agreement of the integrators, and motions known by a route of their own."""
 
+import math
+
 import numpy as np
 import pytest
 from devices import S1, S4, FiveBar, switching, yields
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from core.device import without_backlash
 from core.simulator.hand import wave_hand
+from core.simulator.hermite import hermite_zero, parabola_zero
 from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
 
 START = (0.05, 0.40)
@@ -94,3 +99,29 @@ def test_a_command_inside_a_step_splits_it(bench, integrator):
     late = Simulation(bench.device, START, integrator=integrator, hand=hand)
     held = late.rows(41, Schedule(np.array([0.0, 0.011, 0.021]), values), Grid(0, 40, 1, 1e-3))
     assert np.abs(held[:, 1:3] - fine[:, 1:3]).max() > 1e-6  # the split is seen: not the same as at the next edge
+
+
+values = st.floats(-1.0, 1.0)
+
+
+def dip(coefficients) -> float:
+    """Least value of a polynomial from 0 to 1."""
+    turns = np.roots(np.polyder(coefficients))
+    inside = [x.real for x in turns if abs(x.imag) < 1e-12 and 0.0 < x.real < 1.0]
+    return min(np.polyval(coefficients, [1.0, *inside]))
+
+
+@pytest.mark.nojit
+@given(st.floats(0.01, 1.0), values, values, values, st.floats(1e-4, 1.0))
+def test_a_cubic_or_a_parabola_that_falls_below_zero_inside_a_step_is_found_and_where(start, one, two, three, step):
+    """From its ends and slopes, or its middle: such an event must not be missed, nor seen where there is none."""
+    cubic = [2.0 * (start - two) + one + three, 3.0 * (two - start) - 2.0 * one - three, one, start]
+    parabola = [2.0 * (start + two - 2.0 * one), 4.0 * one - 3.0 * start - two, start]
+    for found, curve in (
+        (hermite_zero(start, one / step, two, three / step, step), cubic),
+        (parabola_zero(start, one, two, step), parabola),
+    ):
+        least = dip(curve)
+        assume(abs(least) > 1e-6)
+        assert (found == -1.0) == (least > 0.0)
+        assert least > 0.0 or 0.0 < found <= step and math.isclose(np.polyval(curve, found / step), 0.0, abs_tol=1e-9)

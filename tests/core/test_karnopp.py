@@ -2,46 +2,20 @@
 
 import numpy as np
 import pytest
-from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, switching, yields
+from devices import BENCH_FOUR, BENCH_THREE, S1, S4, stops_of, yields
 
-from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
-from core.simulator.simulation import Grid, Schedule, Simulation
+from core.simulator.simulation import Simulation
 from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
 
 
-def scene(bar, step, integrator="karnopp", wave=S1, commands=None, fidelity="ideal", delta_omega=DELTA_OMEGA):
+def scene(bar, step, integrator="karnopp", wave=S1, commands=None, delta_omega=DELTA_OMEGA):
     """A simulation after a second under a waving hand, and its rows."""
-    simulation = Simulation(bar.device, START, fidelity=fidelity, integrator=integrator, hand=wave_hand(wave))
+    simulation = Simulation(bar.device, START, integrator=integrator, hand=wave_hand(wave))
     simulation.body["delta_omega"][0] = delta_omega
     return simulation, simulation.run(1.0, step, yields(bar, 0.3) if commands is None else commands)
-
-
-def test_brake_outside_the_band_opposes_motion_with_all_its_yield(bench):
-    _, rows = scene(bench, 1e-3)
-    turning = 0
-    for row in rows[::20]:
-        rate = bench.rows(row[1:3]) @ row[3:5]
-        for i, joint in enumerate(JOINTS):
-            if joint in bench.braked and abs(rate[i]) > 2 * DELTA_OMEGA:
-                assert row[5 + i] == -0.3 * np.sign(rate[i])
-                turning += 1
-    assert turning > 50
-
-
-@pytest.mark.parametrize("angle", range(0, 360, 30))
-def test_locked_tip_stays_where_it_is_below_what_the_brakes_hold(bench, angle):
-    """At 0.99 of the zonotope bound nothing moves; at 1.05 of it the tip goes."""
-    direction = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
-    g = bench.rows(np.array(START))[[j in bench.braked for j in JOINTS]]
-    normals = np.stack([-g[:, 1], g[:, 0]], axis=1)
-    bound = min(5.6 * np.abs(g @ n).sum() / abs(direction @ n) for n in normals)
-    for share, moves in ((0.99, False), (1.05, True)):
-        hand = new_hand(forces=share * bound * direction[None])
-        rows = Simulation(bench.device, START, hand=hand, integrator="karnopp").run(0.2, 1e-3, yields(bench, 5.6))
-        assert np.any(rows[-1, 1:3] != START) == moves
 
 
 def test_stuck_joint_creeps_no_faster_than_its_band_and_in_proportion_to_it(bench):
@@ -87,7 +61,7 @@ def test_brakes_add_no_energy_beyond_what_the_band_allows(bench, wave, locked):
 
 
 @pytest.mark.parametrize("bar", [BENCH_THREE, BENCH_FOUR], ids=lambda bar: bar.name)
-@pytest.mark.parametrize("push", [(40.0, 0.0), (-40.0, 5.0), (0.0, 40.0), (5.0, -40.0)])
+@pytest.mark.parametrize("push", [(-40.0, 5.0), (0.0, 40.0)])
 def test_tip_never_passes_a_hard_stop(bar, push):
     hand = new_hand(forces=np.array([push]))
     simulation = Simulation(bar.device, START, hand=hand, integrator="karnopp")
@@ -95,12 +69,3 @@ def test_tip_never_passes_a_hard_stop(bar, push):
     assert np.all(np.isfinite(rows))
     assert simulation.ledger().lost_at_stops > 0.0
     assert stops_of(bar.device, *rows[::10, 1:3]).min() > -1e-6
-
-
-def test_no_torque_exceeds_its_yield(bench):
-    times, values = switching(bench, 1.0)
-    simulation = Simulation(bench.device, START, hand=wave_hand(S4), integrator="karnopp")
-    rows = simulation.rows(1001, Schedule(times, values), Grid(0, 1000, 1, 1e-3))
-    row_of = np.minimum((rows[:, 0] + 1e-9) // 0.01, len(values) - 1).astype(int)
-    assert np.all(np.abs(rows[:, 5:9]) <= values[row_of] * (1 + 1e-9))
-    assert np.all(np.isfinite(rows))

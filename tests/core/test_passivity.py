@@ -1,6 +1,7 @@
 """The device's whole promise: a brake never adds energy, and takes it only against motion."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from core.simulator.hand import Hand, new_hand, spring_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
+from core.simulator.solver_numbers import DELTA_OMEGA
 
 START = (0.05, 0.40)
 #: J; the largest energy that a brake may add in a step. Powers of one sign are summed, so not even rounding is needed
@@ -60,40 +62,36 @@ def test_brakes_never_add_energy_in_any_tick(bar, seed, kind, spring):
         assert abs(before.residual) <= 1e-6 * (1.0 + abs(before.work_hand)), "the ledger closes"
 
 
-@pytest.mark.parametrize("integrator", ["event", "stepping"])
-@pytest.mark.parametrize("fidelity", ["ideal", "static"])
+@pytest.mark.parametrize(
+    ("integrator", "fidelity"),
+    [*product(("event", "stepping", "karnopp"), ("ideal", "static")), ("event", "mr")],
+)
 def test_brake_torque_stays_within_the_yield_and_opposes_slip(five_bar, integrator, fidelity):
-    """|torque| <= yield in every row; where the joint turns, its torque is -yield in the sense of motion."""
+    """|torque| <= yield in every row; where the joint turns, its torque is -yield in the sense of motion.
+
+    mr: |torque| <= K(current_max), for the yield lags; against motion all the same.
+    """
     rng = np.random.default_rng(1)
     n = 400
     times, values = np.arange(n) * 1e-3, commands(five_bar, rng, fidelity, n)
     simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, integrator, pulling(rng, True))
     rows = simulation.rows(n, Schedule(times, values), Grid(0, n, 1, 1e-3))
     limit = values
-    if fidelity == "static":
+    if fidelity != "ideal":
         gain = np.where(values < 0.2, 3.25 * values + 0.35, -1.5625 * values**2 + 7.25 * values - 0.3875)
-        limit = gain * np.array([float(j in five_bar.braked) for j in "AEBC"])
+        limit = (gain if fidelity == "static" else 5.3) * np.array([float(j in five_bar.braked) for j in "AEBC"])
     torque = rows[:, 5:9]
-    assert np.all(np.abs(torque) <= limit * (1 + 1e-12))
+    assert np.all(np.abs(torque) <= limit * (1 + 1e-9))
     rates = np.array([five_bar.rows(row[1:3]) @ row[3:5] for row in rows])
+    if integrator == "event":
+        assert np.max(rates * torque) <= 1e-9 * 5.6
     stuck = (rows[:, 9].astype(int)[:, None] >> np.arange(4)) & 1
-    turning = (np.abs(rates) > 1e-6) & (stuck == 0)
+    turning = (np.abs(rates) > (2.0 * DELTA_OMEGA if integrator == "karnopp" else 1e-6)) & (stuck == 0)
     assert turning.sum() > 100
-    assert torque[turning] == pytest.approx(-(np.sign(rates) * limit)[turning], rel=1e-12)
-    assert np.all(rates[stuck == 1] * torque[stuck == 1] <= 1e-9 * 5.6) or integrator == "stepping"
-
-
-def test_lagged_brakes_with_backlash_stay_within_what_they_can_hold(five_bar):
-    """mr: |torque| <= K(current_max), and power of each brake <= 0 in every row."""
-    rng = np.random.default_rng(2)
-    n = 600
-    times, values = np.arange(n) * 1e-3, commands(five_bar, rng, "mr", n)
-    simulation = Simulation(five_bar.device, START, (0.0, 0.0), "mr", "event", pulling(rng, True))
-    rows = simulation.rows(n, Schedule(times, values), Grid(0, n, 1, 1e-3))
-    rates = np.array([five_bar.rows(row[1:3]) @ row[3:5] for row in rows])
-    assert np.all(np.abs(rows[:, 5:9]) <= 5.3 * (1 + 1e-12))
-    assert np.max(rows[:, 5:9] * rates) <= 1e-9
-    assert np.max(-rows[:, 5:9] * rates) > 1e-2
+    if fidelity == "mr":
+        assert np.max(-rates * torque) > 1e-2
+    else:
+        assert torque[turning] == pytest.approx(-(np.sign(rates) * limit)[turning], rel=1e-12)
 
 
 @pytest.mark.parametrize("fidelity", ["ideal", "static", "mr"])

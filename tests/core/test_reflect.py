@@ -14,7 +14,7 @@ from core.simulator.simulation import Simulation
 from core.simulator.state import pack_brakes
 
 THREE, FOUR = load_device("three-brake"), load_device("four-brake")
-LAW = 1500  # random problems
+LAW = 600  # random problems
 
 
 def solved(a, low, high, force):
@@ -82,7 +82,7 @@ def test_the_force_is_the_nearest_one_as_bounded_least_squares_finds_it(layout):
 
 def test_of_several_ways_to_have_a_force_the_least_braking_is_taken():
     rng, compared = np.random.default_rng(16), 0
-    for n in range(400):
+    for n in range(200):
         layout = LAYOUTS[n % len(LAYOUTS)]
         if layout in ("nearly parallel", "vanishing"):
             continue  # the programme below is too coarse for them
@@ -99,7 +99,7 @@ def test_of_several_ways_to_have_a_force_the_least_braking_is_taken():
         )
         assert np.sum((torque - low)[used] / room[used]) == pytest.approx(least.fun, abs=1e-6)
         compared += 1
-    assert compared > 100
+    assert compared > 50
 
 
 def one_tick(device, controller, velocity, push, wanted):

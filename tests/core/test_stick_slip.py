@@ -84,7 +84,8 @@ def problem(seed: int, kind: str):
         for j in rng.integers(0, PLACES, rng.integers(1, 3)):
             (plus if rng.uniform() < 0.5 else minus)[j] = math.inf
     f = rng.normal(size=2) * 10.0 ** rng.uniform(-0.5, 2.0)
-    return mass, f, g, active, plus, minus, lines
+    size = 10.0 ** rng.uniform(-4.0, 0.0)  # of all that pushes: the modes do not depend on it
+    return mass, size * f, g, active, size * plus, size * minus, lines
 
 
 def solve(mass, f, g, active, plus, minus, lines):
@@ -129,17 +130,21 @@ def locked(bar: FiveBar, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return p, bar.rows(p), rng.uniform(1.0, 5.6, 4) * np.array([float(j in bar.braked) for j in "AEBC"])
 
 
-def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_101(any_five_bar):
-    """36 directions; below the bound the tip keeps its place to the last bit (bench: 10 s), above it moves at once."""
-    tenth = 1000 if any_five_bar in BENCH else 20  # ticks in a tenth of the time
+@pytest.mark.parametrize("integrator", ["event", "stepping", "karnopp"])
+def test_locked_device_holds_99_hundredths_of_the_zonotope_bound_and_yields_to_101(any_five_bar, integrator):
+    """Below the bound the tip keeps its place to the last bit, above it moves at once."""
+    tenth = 200 if integrator == "event" and any_five_bar in BENCH else 20  # ticks in a tenth of the time
     p, g, yields = locked(any_five_bar, 2)
-    for u in DIRECTIONS:
+
+    def pushed(force):
+        hand = new_hand(forces=force[None])
+        return Simulation(any_five_bar.device, tuple(p), integrator=integrator, hand=hand)
+
+    for u in DIRECTIONS[:: 2 if integrator == "event" else 6]:
         limit = hold_limit(g, yields, u)
-        below = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=0.99 * limit * u[None]))
-        rows = below.rows(11, Schedule(np.zeros(1), yields[None]), Grid(0, 10, tenth, 1e-3))
+        rows = pushed(0.99 * limit * u).rows(11, Schedule(np.zeros(1), yields[None]), Grid(0, 10, tenth, 1e-3))
         assert np.all(rows[:, 1:3] == p) and np.all(rows[:, 3:5] == 0.0)
-        above = Simulation(any_five_bar.device, tuple(p), hand=new_hand(forces=1.01 * limit * u[None]))
-        rows = above.run(0.01, 1e-3, yields)
+        rows = pushed(1.01 * limit * u).run(0.01, 1e-3, yields)
         assert np.linalg.norm(rows[-1, 1:3] - p) > 1e-8
         assert u @ (rows[-1, 1:3] - p) > 0.0
 
@@ -161,8 +166,8 @@ def test_stuck_brakes_balance_the_hand_with_the_least_relative_effort(bar):
     """Three and four stuck brakes: balance, within the yields, least sum of (tau_i / y_i)^2."""
     p, g, yields = locked(bar, 5)
     on = np.flatnonzero(yields)
-    for u in DIRECTIONS[::3]:
-        for share in (0.3, 0.8, 0.97):
+    for u in DIRECTIONS[::6]:
+        for share in (0.3, 0.97):
             f = share * hold_limit(g, yields, u) * u
             row = Simulation(bar.device, tuple(p), hand=new_hand(forces=f[None])).run(1e-3, 1e-3, yields)[0]
             torque = row[5:9]

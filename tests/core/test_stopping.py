@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from core.control.guard import Around, Guard, make_around, stopping_distance, tick_at
 from core.control.levers import MARGIN, SLOWEST, set_direction, take_places
 from core.control.stopping import (
     assume_brakes,
@@ -58,7 +59,7 @@ def pushed_about(rng: np.random.Generator, simulated, push: float, ticks: int):
 def test_a_brake_takes_no_less_than_the_bound_reckons_with_whatever_the_hand_does(name: str) -> None:
     device, push = load_device(name), PUSHES_N[name]
     rng, stopping = np.random.default_rng(1), make_stopping(device.mechanism, device.brakes, push)[0]
-    for _ in range(8):
+    for _ in range(4):
         simulated = pushed_device(device, random_place(rng, device))
         turned, back, highest = np.zeros(4), np.zeros(4), 0.0
         for tip, energy, angles, turns in pushed_about(rng, simulated, push, 400):
@@ -77,7 +78,7 @@ def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name
     device, push = load_device(name), PUSHES_N[name]
     rng, stopping = np.random.default_rng(2), make_stopping(device.mechanism, device.brakes, push)[0]
     checked = 0
-    for _ in range(12):
+    for _ in range(8):
         start, heading = random_place(rng, device), rng.uniform(0.0, 2.0 * math.pi)
         simulated = pushed_device(device, start)
         speed = rng.uniform(0.0, 0.3)
@@ -99,7 +100,7 @@ def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name
                 break  # each turn inside the play has a play of its own
             assert math.dist(tip, start) <= radius
             assert (np.array(tip) - start) @ n <= on
-    assert checked > 5
+    assert checked > 3
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -108,7 +109,7 @@ def test_no_place_between_those_that_are_looked_at_is_weaker_or_turns_its_joints
     mechanism, present = pack_mechanism(device.mechanism)[0], device.brakes.present > 0.0
     stopping, tips = make_stopping(device.mechanism, device.brakes, push)[0], free_tips(device.mechanism)
     rng = np.random.default_rng(3)
-    for _ in range(60):
+    for _ in range(30):
         x, y = tips[rng.integers(len(tips))]
         radius, heading = rng.choice([0.005, 0.03, 0.06, 0.1, 0.2]), rng.uniform(0.0, 2.0 * math.pi)
         slopes = np.where(present, stopping.full * rng.choice([0.5, 1.0], 4), 0.0)
@@ -149,3 +150,20 @@ def test_a_rougher_look_is_never_taken_for_a_proof() -> None:
     set_direction(stopping.levers, 0.0, 0.0)
     set_largest_lags(stopping, 0.0, 0.02)
     assert furthest(stopping, 0.0, 0.02) == math.inf
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_hand_brings_the_tip_beyond_the_stopping_distance_which_is_not_far_beyond_its_way(name: str) -> None:
+    """A hand that pushes on as the tip moves, brakes locked after a tick; lag and play make the bound a wide one."""
+    device, push = load_device(name), PUSHES_N[name]
+    around = make_around(Around(guard=Guard(push_N=push)), device)[0]
+    for speed in (0.1, 0.3):
+        simulated = pushed_device(device, (0.0, 0.4))
+        simulated.body["tip"][0, 2:], simulated.hand.grips["held"][0] = (speed, 0.0), (push, 0.0)
+        simulated.settle(np.zeros(4), 0.0)
+        furthest_x = 0.0
+        for n in range(300):
+            simulated.move(simulated.brakes["current_max"][0] * (n > 0), 1e-3 * n, 1e-3)
+            furthest_x = max(furthest_x, simulated.tip[0])
+        distance = stopping_distance(around, tick_at(device, (0.0, 0.4), (speed, 0.0)))
+        assert furthest_x <= distance <= (2.5 if name == "er-two-brake" else 8.0) * furthest_x

@@ -1,16 +1,14 @@
-"""The reduced equations of motion against Lagrange's by differences and Eq. (5): one physics by three routes."""
+"""The reduced equations of motion against Eq. (5) with its ten coordinates: one physics by two routes."""
 
 from functools import cache
 from itertools import combinations
 
 import numpy as np
 import pytest
-from devices import FiveBar, slope
+from devices import FiveBar
 
-from core.dynamics import motion
 from core.mechanism import JOINTS
 from core.simulator.simulation import Simulation
-from core.simulator.state import pack_mechanism
 from core.simulator.stick_slip import FREE, STILL
 from core.simulator.stick_slip_mode import finish, set_costs, update_kinematics
 from experiments.benchmark.ten_coordinates import (
@@ -128,42 +126,3 @@ def test_motion_equals_that_of_the_reduced_form_and_multipliers_and_torques_bala
         assert np.abs(a @ found.acceleration + constraint_bias(bodies, q, rate)).max() < rounding
         assert np.abs((bodies.rates @ found.acceleration)[list(stuck)]).max(initial=0.0) < 1e-8
         assert abs((a.T @ found.multipliers) @ rate) < 1e-9 * (1.0 + np.abs(found.multipliers).max())
-
-
-def states(bar: FiveBar, n: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Random tips and velocities."""
-    rng = np.random.default_rng(11)
-    return [(p, rng.normal(scale=0.5, size=2)) for p in bar.open_tips(rng, n)]
-
-
-def mass_and_bias(bar: FiveBar, p: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """M (2, 2) and b (2,) of the code under test."""
-    m = motion(pack_mechanism(bar.device.mechanism)[0], p[0], p[1], v[0], v[1])
-    return np.array([[m.mass_xx, m.mass_xy], [m.mass_xy, m.mass_yy]]), np.array([m.bias_x, m.bias_y])
-
-
-def mass_from_kinetic(bar: FiveBar, p: np.ndarray) -> np.ndarray:
-    """M (2, 2) from the kinetic energy summed over bodies, which is quadratic in v."""
-    x, y = np.eye(2)
-    xx, yy = 2 * bar.kinetic(p, x), 2 * bar.kinetic(p, y)
-    xy = bar.kinetic(p, x + y) - 0.5 * (xx + yy)
-    return np.array([[xx, xy], [xy, yy]])
-
-
-@pytest.mark.nojit
-def test_tip_mass_matrix_is_the_second_derivative_of_kinetic_energy(any_five_bar):
-    for p, v in states(any_five_bar):
-        expected = mass_from_kinetic(any_five_bar, p)
-        assert mass_and_bias(any_five_bar, p, v)[0] == pytest.approx(expected, rel=1e-11, abs=1e-11)
-        assert np.linalg.eigvalsh(expected)[0] > 0.0
-
-
-@pytest.mark.nojit
-def test_velocity_terms_are_those_of_lagrange(any_five_bar):
-    """b = Mdot v - grad T, both by differences of the kinetic energy."""
-    for p, v in states(any_five_bar):
-        change = slope(lambda q: mass_from_kinetic(any_five_bar, q), p, v) @ v
-        gradient = [slope(lambda q, v=v: any_five_bar.kinetic(q, v), p, axis) for axis in np.eye(2)]
-        expected = change - gradient
-        bias = mass_and_bias(any_five_bar, p, v)[1]
-        assert bias == pytest.approx(expected, rel=1e-7, abs=1e-7 * (1.0 + np.linalg.norm(expected)))

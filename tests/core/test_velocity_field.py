@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from core.control.velocity_field import (
     PIECE,
     Seen,
     desired_direction,
+    field_around,
     field_at,
     new_memory,
     side_of_path,
@@ -103,3 +105,5 @@ def test_near_any_path_the_field_runs_along_it_the_way_the_hand_pushes(path, sha
     assert field.distance == pytest.approx(abs(off), abs=1e-9)
     cosine = math.cos(0.5 * math.pi * min(abs(off) / path.blend_width, 1.0))
     assert field.beta_x * field.t_x + field.beta_y * field.t_y == pytest.approx(cosine, abs=1e-9)
+    drawn = field_around(path, np.array([tip]), sense)
+    assert abs(off) < 1e-9 or np.ravel(drawn) == pytest.approx(field, abs=1e-9), "what is drawn is what it follows"

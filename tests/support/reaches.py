@@ -1,6 +1,7 @@
 """Hands that push a device towards an obstacle, tick by tick, compiled: what the guard of obstacles is tried with."""
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ from core.workspace import tip_is_free
 from experiments.assumptions import DEFAULTS, Assumptions
 from experiments.trial.encoder_sensing import EncoderSensing, new_sensing, see, sensed
 
-TURN_TICKS = 100  # for so long a hand of `random_task` pushes one way
 #: N, largest pushes: the largest whole ones below half of what a full lock holds near the middle of each workspace; of
 #: pter below 40 %, for the guard promises nothing there for a hand of half.
 PUSHES_N = {"er-two-brake": 8.0, "three-brake": 11.0, "four-brake": 17.0, "pter": 16.0}
@@ -81,12 +81,9 @@ class Reached(NamedTuple):
     fastest: float  # m/s
 
 
-def pushed_device(device: Device, tip: tuple[float, float], play: bool = True) -> SimulatedDevice:
+def pushed_device(device: Device, tip: tuple[float, float]) -> SimulatedDevice:
     """At rest, held by nobody."""
-    simulated = SimulatedDevice(device, tip, spring_hand((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    if not play:
-        simulated.brakes["play"][0] = 0.0
-    return simulated
+    return SimulatedDevice(device, tip, spring_hand((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
 def guarded(device: Device, obstacle: ObstacleFile, guard: Guard | None, assumed: Assumptions = DEFAULTS) -> Controller:
@@ -109,7 +106,7 @@ def run_reach(
 
 def held_on(pushes: np.ndarray) -> np.ndarray:
     """Each of pushes (n, 2), N, for 0.1 s, as one a tick."""
-    return np.repeat(pushes, TURN_TICKS, axis=0)
+    return np.repeat(pushes, 100, axis=0)
 
 
 class Task(NamedTuple):
@@ -118,16 +115,6 @@ class Task(NamedTuple):
     tip: tuple[float, float]
     obstacle: ObstacleFile
     forces: np.ndarray  # (ticks, 2) N
-
-
-def random_task(rng: np.random.Generator, most_N: float, seconds: float = 1.5) -> Task:
-    """An obstacle 2 to 8 cm away, and pushes of up to `most_N` within 75 degrees of the way to it."""
-    tip = rng.uniform(-0.10, 0.10), rng.uniform(0.34, 0.45)
-    towards = rng.uniform(0.0, 2.0 * math.pi)
-    obstacle = obstacle_ahead(tip, towards, rng.uniform(0.02, 0.08), int(rng.integers(3)))
-    angles = towards + rng.uniform(-1.3, 1.3, round(10 * seconds))
-    sizes = rng.uniform(0.3 * most_N, most_N, len(angles))
-    return Task(tip, obstacle, held_on(np.column_stack([sizes * np.cos(angles), sizes * np.sin(angles)])))
 
 
 def obstacle_ahead(tip: tuple[float, float], towards: float, distance: float, kind: int) -> ObstacleFile:
@@ -146,8 +133,17 @@ KINDS = ("straight", "run-up", "turning", "rocking", "pushes")
 ATTACK_TICKS = 1500
 
 
-def random_attack(rng: np.random.Generator, kind: int, device: Device, push: float) -> Task | None:
-    """A hand of this kind that pushes a device with exactly this force; None: the tip cannot be where it begins."""
+def random_attacks(rng: np.random.Generator, kind: str, device: Device, count: int) -> Iterator[Task]:
+    """Hands of this kind that push a device with exactly the force of `PUSHES_N`."""
+    while count:
+        task = random_attack(rng, kind, device)
+        if task is not None:
+            count -= 1
+            yield task
+
+
+def random_attack(rng: np.random.Generator, kind: str, device: Device) -> Task | None:
+    """One of them; None: the tip cannot be where it begins."""
     obstacle, q = int(rng.integers(3)), rng.random(12)
     tip = -0.25 + 0.5 * q[0], 0.25 + 0.27 * q[1]
     if not tip_is_free(device.mechanism, *tip):
@@ -156,15 +152,15 @@ def random_attack(rng: np.random.Generator, kind: int, device: Device, push: flo
     n = np.arange(ATTACK_TICKS)
     angle, size = np.full(ATTACK_TICKS, towards + 1.2 * (q[4] - 0.5)), np.ones(ATTACK_TICKS)
     until = n < 400 * q[5]
-    if KINDS[kind] == "run-up":  # away, then in
+    if kind == "run-up":  # away, then in
         angle = np.where(until, towards + math.pi + 1.2 * (q[6] - 0.5), angle)
-    elif KINDS[kind] == "turning":
+    elif kind == "turning":
         angle = np.where(until, towards + 6.0 * (q[6] - 0.5) + 0.06 * (q[7] - 0.5) * n, angle)
-    elif KINDS[kind] == "rocking":  # in, then to and fro with a period of 2 to 120 ms
+    elif kind == "rocking":  # in, then to and fro with a period of 2 to 120 ms
         period = 2.0 + 118.0 * q[6]
         to_and_fro = np.where((n % period) < (0.2 + 0.6 * q[7]) * period, 1.0, -0.1 - 0.9 * q[8])
         size = np.where(until, 1.0, to_and_fro)
-    elif KINDS[kind] == "pushes":  # another way every 0.25 s
+    elif kind == "pushes":  # another way every 0.25 s
         angle = towards + 2.6 * (q[6 : 6 + 6] - 0.5)[n // (ATTACK_TICKS // 6)]
-    forces = push * size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    forces = PUSHES_N[device.name] * size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     return Task(tip, obstacle_ahead(tip, towards, 0.02 + 0.06 * q[3], obstacle), forces)
