@@ -19,12 +19,16 @@ from core.control import algorithm
 from core.control.algorithm import LOCKED, Tick, pushes_away
 from core.control.controllers import ALGORITHMS, DECISIONS, Preset, decide, make_controller, make_preset
 from core.control.rule_sets import LITERAL, RULE_SETS, SETTLED
-from core.control.velocity_field import WANTED, Field, Seen, new_memory
+from core.control.velocity_field import PIECE, WANTED, Field, Seen, new_memory
 from core.files import InputError
-from core.path import Path, line
+from core.path import Path, Polyline, build_path, line
 from core.simulator.state import pack_brakes
 
 PRESETS = PAPER.controllers
+CONTROLLERS = {
+    **{preset.name: preset for preset in PRESETS.values()},
+    "wall": Preset("wall", "reflect", (0.0, 500.0)),
+}
 #: Table I, and every other algorithm that ships.
 EVERY = dict(enumerate([*PRESETS.values(), *(make_preset(k, k, {}) for k in list(ALGORITHMS)[4:])], start=1))
 USE_SDOF = DECISIONS.index("sdof A")
@@ -291,3 +295,28 @@ def test_settled_a_hand_that_pushes_inward_is_never_locked_below_5_mm_s(seed, pu
         rng = np.random.default_rng(seed)
         controller = make_controller(PRESETS[number], FORCE)
         assert decided(controller, 0.0, 0.4 + distance, v, f, random_rows(rng), random_mass(rng))[0] not in LOCKED
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_beyond_a_corner_a_hand_that_pushes_on_is_held_back_towards_it(name):
+    angles = 0.5 * math.pi + 0.8 * math.pi * np.arange(6)
+    corners = tuple((0.08 * math.cos(a), 0.36 + 0.08 * math.sin(a)) for a in angles)
+    star = build_path(Polyline(corners), "star")
+    corner, way = star.pieces[1, 2:4], star.pieces[0, 4:6]
+    preset, memory, current = CONTROLLERS[name], new_memory(), np.zeros(4)
+    controller, brakes = make_controller(preset, FORCE), pack_brakes(ALL, backlash=False)[0]
+
+    def beyond(distance, push):
+        tip = corner + distance * way
+        seen = Seen(*tip, *(0.05 * way), *(push * way))
+        return decide(controller, star, Tick(seen, FOUR.rows(tip), np.array([1.0, 0.0, 1.0]), brakes, memory, current))
+
+    beyond(0.0, 5.0)
+    code, field = beyond(0.01, 8.0)
+    assert memory[PIECE] == 1 and field.distance == pytest.approx(0.01)
+    assert (field.n_x, field.n_y) == pytest.approx(tuple(-way), abs=1e-6), "back to the corner"
+    assert current.any() == (preset.kind != "none"), "something brakes"
+    if name == "wall":
+        assert tuple(memory[WANTED : WANTED + 2]) == pytest.approx(tuple(-0.01 * 500.0 * way), abs=1e-6)
+    gap = preset.value("gap_m")
+    assert not gap or beyond(0.5 * gap, 8.0)[0] == algorithm.IN_GAP

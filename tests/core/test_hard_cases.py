@@ -69,8 +69,10 @@ def test_arms_folded_and_stretched_stay_inside_the_hard_stops(any_five_bar, inte
     struck = 0
     for k in range(12):
         simulation = Simulation(any_five_bar.device, start, integrator=integrator, hand=push((5.0, 30.0)[k % 2], k))
-        rows = simulation.run(1.5, 1e-3, yields(any_five_bar, (0.0, 0.3)[k // 2 % 2]))
+        friction = (0.0, 0.3)[k // 2 % 2]
+        rows = simulation.run(1.5, 1e-3, yields(any_five_bar, friction))
         check(simulation, rows)
+        assert np.abs(rows[:, 5:9]).max() <= friction * (1 + 1e-9), "a stop bears what a brake cannot"
         ledger = simulation.ledger()
         struck += ledger.lost_at_stops > 0.0
         assert abs(ledger.residual) < (1e-3 if integrator == "event" else 0.5) * (0.1 + abs(ledger.work_hand))
@@ -97,7 +99,8 @@ def test_mouse_jump_on_a_stiff_spring_makes_no_energy(five_bar, integrator, fide
         hand = spring_hand((1e5, 0.0, 1e5), (damping, 0.0, damping), target=START)
         simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, integrator, hand)
         commands = yields(five_bar, 0.3)[None]
-        simulation.rows(50, Schedule(np.zeros(1), commands), Grid(0, -1, 1, 1e-3))
+        rows = simulation.rows(50, Schedule(np.zeros(1), commands), Grid(0, -1, 1, 1e-3))
+        assert np.all(rows[:, 1:3] == START), "a spring at rest leaves it where it is"
         target = np.add(START, jump)
         hand.grips["target"][0, :2] = target
         rows = simulation.rows(300, Schedule(np.zeros(1), commands), Grid(50, -1, 1, 1e-3))

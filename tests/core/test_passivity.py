@@ -100,10 +100,11 @@ def test_energy_seen_from_outside_never_rises(five_bar, fidelity):
     rng = np.random.default_rng(3)
     n = 300
     force = np.array([12.0, -7.0])
-    spring = spring_hand((300.0, 0.0, 300.0), (0.0, 0.0, 0.0), target=(-0.02, 0.36))
+    stiffness, target = np.array([[300.0, 50.0], [50.0, 200.0]]), np.array((-0.02, 0.36))
+    spring = spring_hand((300.0, 50.0, 200.0), (0.0, 0.0, 0.0), target=tuple(target))
     for hand, stored in (
         (new_hand(forces=force[None]), lambda p: -force @ p),
-        (spring, lambda p: 150.0 * np.sum((p - (-0.02, 0.36)) ** 2)),
+        (spring, lambda p: 0.5 * (p - target) @ stiffness @ (p - target)),
     ):
         times, values = np.arange(n) * 1e-3, commands(five_bar, rng, fidelity, n) * 0.2
         simulation = Simulation(five_bar.device, START, (0.0, 0.0), fidelity, "event", hand)
