@@ -134,15 +134,6 @@ def test_homing_in_a_wrong_jig_is_named_by_its_distance_and_done_only_by_somebod
     on_bench.until(lambda: on_bench.status.homed_at > again)
 
 
-def test_a_board_that_is_connected_anew_is_made_ready_again(on_bench: OnBench) -> None:
-    on_bench.open()
-    on_bench.zero()
-    on_bench.send(m.PrepareDevice(m.CONNECT))
-    on_bench.until(lambda: on_bench.status.device and not on_bench.status.zeroed)
-    on_bench.window.until_stage(m.RERIG)
-    on_bench.zero()
-
-
 def test_no_trial_starts_while_a_step_is_done_and_none_without_a_zero(on_bench: OnBench) -> None:
     window = on_bench.window
     on_bench.open()

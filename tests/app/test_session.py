@@ -60,29 +60,6 @@ def test_a_trial_that_is_postponed_comes_at_the_end_of_its_configuration_also_af
     session.close()
 
 
-def test_a_skipped_trial_settles_its_cell_without_a_recording_and_can_be_redone(tmp_path):
-    session = new_session(tmp_path, protocol=short())
-    row = session.skip("late")
-    assert (row.run, row.status, row.recording, row.value("path_error_m")) == (1, "skipped", "", None)
-    assert session.finished_count == 1 and session.next_planned() == session.plan[1]
-    session.redo(1, "time enough after all")
-    again = session.next_planned()
-    assert cell(again) == cell(session.plan[0]) and again.run == 21 and session.finished_count == 0
-    session.close()
-    assert verify(tmp_path)["faults"] == []
-
-
-def test_only_what_was_settled_can_be_redone(tmp_path):
-    session = new_session(tmp_path, protocol=short())
-    run_trials(session, 1)
-    session.redo(1, "once")
-    for number in (1, 2, 99):
-        with pytest.raises(InputError, match=f"run {number}: "):
-            session.redo(number, "twice")
-    assert statuses(session) == [(1, "redone")]
-    session.close()
-
-
 def test_an_excluded_run_settles_its_cell_and_stays_in_the_table_with_its_recording(tmp_path):
     session = new_session(tmp_path, protocol=short())
     run_trials(session, 2)

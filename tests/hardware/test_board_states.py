@@ -8,20 +8,14 @@ from pathlib import Path
 
 import pytest
 from board_table import UNSEEN, handling
-from simulated_board import FULL, NO_LIMIT, SimulatedBoard, samples
+from simulated_board import FULL, NO_LIMIT, SimulatedBoard
 
 from hardware.emulated_board.board import SILENCE_US, TICK_US, Board, BoardEvent
 from hardware.wire.messages import (
     AskHello,
     Bye,
-    Fault,
-    FaultReport,
     Heartbeat,
-    HeartbeatReply,
     Home,
-    Homed,
-    Limits,
-    Refusal,
     Refused,
     ResetFault,
     SetLimits,
@@ -121,64 +115,3 @@ def test_the_table_covers_every_pair_and_the_specification_holds_it() -> None:
     assert written == {
         event.value: [handling(state, event) for state in states] for event in BoardEvent if event not in of_boot
     }
-
-
-def test_answers_say_what_was_done() -> None:
-    bench = in_state(State.READY)
-    assert happen(bench, BoardEvent.HEARTBEAT) == [HeartbeatReply(9, bench.now_us)]
-    assert happen(bench, BoardEvent.LIMITS) == [Limits(FULL, NO_LIMIT)]
-    assert happen(bench, BoardEvent.HOME) == [Homed(0b0101, (5, 0, 7, 0))]
-    assert happen(bench, BoardEvent.STOP) == [FaultReport(64, 64, 255, bench.now_us)]
-    assert happen(bench, BoardEvent.RESET) == [FaultReport(0, 0, 255, bench.now_us)]
-    assert happen(bench, BoardEvent.ON) == [Refused(3, Refusal.WRONG_STATE)]
-
-
-def test_samples_come_each_tick_from_limits_to_bye_or_until_nobody_talks_to_the_board() -> None:
-    bench = SimulatedBoard().start()
-    assert bench.tick(10) == []
-    bench.connect()
-    got = samples(bench.tick(100))
-    assert [b.sequence - a.sequence for a, b in zip(got, got[1:], strict=False)] == [1] * 99
-    assert [b.board_us - a.board_us for a, b in zip(got, got[1:], strict=False)] == [1000] * 99
-    assert {sample.state for sample in got} == {State.READY}
-    bench.tell(Bye())
-    assert bench.tick(10) == []
-    bench = SimulatedBoard()
-    bench.connect()
-    assert 990 <= len(samples(bench.tick(3000))) <= 1000
-    assert bench.state == State.IDLE
-
-
-def test_a_heartbeat_keeps_the_connection_but_not_the_currents() -> None:
-    bench = SimulatedBoard().activate()
-    for _ in range(60):
-        bench.tell(Heartbeat(1))
-        bench.tick()
-    assert bench.state == State.FAULT and bench.board.cause == Fault.WATCHDOG
-    for _ in range(3000):
-        bench.tell(Heartbeat(1))
-        assert len(samples(bench.tick())) == 1
-
-
-def test_homing_sets_the_counts_and_lasts_until_power_up() -> None:
-    bench = SimulatedBoard()
-    bench.connect()
-    assert samples(bench.tick(counts=(100, 0, -50, 0)))[0].flags == 0
-    bench.tell(Home(0b0001, (38400, 0, 0, 0)))
-    sample = samples(bench.tick())[0]
-    assert (sample.counts, sample.flags) == ((38400, -50), 0b0001)
-    assert samples(bench.tick(counts=(90, 0, -50, 0)))[0].counts == (38390, -50)
-    bench.connect()
-    assert samples(bench.tick())[0].counts == (38390, -50)
-    bench.board.lose_power(bench.now_us)
-    bench.connect()
-    sample = samples(bench.tick())[0]
-    assert (sample.counts, sample.flags) == ((90, -50), 0)
-
-
-@pytest.mark.parametrize("joints", [0, 0b0010, 0b0111, 0b10000])
-def test_homing_a_joint_without_encoder_is_refused(joints: int) -> None:
-    bench = SimulatedBoard()
-    bench.connect()
-    assert bench.tell(Home(joints, (1, 2, 3, 4))) == [Refused(4, Refusal.BAD_VALUE)]
-    assert samples(bench.tick())[0].counts == (0, 0)

@@ -5,6 +5,7 @@ A firmware author tests a board with the dialogues of docs/protocol-vectors.json
 """
 
 import functools
+import itertools
 from collections import Counter
 from collections.abc import Callable
 
@@ -15,9 +16,9 @@ from simulated_board import samples
 from test_board_states import SEEN, happen, in_state
 from test_wire_frames import noise_and_damage
 
-from hardware.emulated_board.board import TICK_US
+from hardware.emulated_board.board import OVER_CURRENT_TICKS, SATURATED_TICKS, TICK_US
 from hardware.wire.frames import encode_frame
-from hardware.wire.messages import WATCHDOG_US, Fault, Flag, Heartbeat, Refusal, ResetFault, State
+from hardware.wire.messages import WATCHDOG_US, Bye, Fault, Flag, Heartbeat, Refusal, ResetFault, State
 
 
 def dialogues() -> list[RecordedBoard]:
@@ -68,6 +69,49 @@ def a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence() -> list[
         assert bench.state == State.IDLE
         boards.append(bench.board)
     return boards
+
+
+def only_a_fresh_command_feeds_the_watchdog() -> list[RecordedBoard]:
+    boards = []
+    for what in ("old", "late", "heartbeat"):
+        bench = recorded()
+        bench.connect()
+        bench.command()
+        bench.delay_us = 60_000 if what == "late" else 0
+        for _ in range(60):
+            if what == "heartbeat":
+                bench.tell(Heartbeat(1))
+            else:
+                bench.command(step=int(what == "late"))
+            bench.tick()
+        assert bench.board.cause == Fault.WATCHDOG and not any(bench.board.currents)
+        boards.append(bench.board)
+    return boards
+
+
+def a_moment_of_noise_is_no_fault() -> list[RecordedBoard]:
+    bench = recorded()
+    bench.connect()
+    for _ in range(20):
+        bench.tick(OVER_CURRENT_TICKS - 1, current_mA=(0, 0, 1250, 0))
+        bench.tick(current_mA=(0, 0, 0, 0))
+        bench.tick(SATURATED_TICKS - 1, force=(0, 0, 0, -66_700, 0, 0))
+        bench.tick(force=(0,) * 6)
+        bench.command(mode=0)
+    assert bench.state == State.READY
+    return [bench.board]
+
+
+def samples_come_each_tick_from_limits_to_bye() -> list[RecordedBoard]:
+    bench = recorded().start()
+    assert bench.tick(10) == []
+    bench.connect()
+    got = samples(bench.tick(100))
+    assert {(b.sequence - a.sequence, b.board_us - a.board_us) for a, b in itertools.pairwise(got)} == {(1, 1000)}
+    assert len(got) == 100
+    bench.tell(Bye())
+    assert bench.tick(10) == []
+    return [bench.board]
 
 
 def a_tick_that_was_read_before_the_bytes_that_came_meanwhile_is_no_silence() -> list[RecordedBoard]:
@@ -165,7 +209,8 @@ def noise_damaged_frames_and_true_ones_that_hold_anything() -> list[RecordedBoar
 
 SCENARIOS = (
     dialogues, each_event_in_each_state, currents_are_zero_50_ms_after_the_last_command_whenever_it_came,
-    a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence,
+    a_command_that_is_old_or_late_is_not_obeyed_and_yet_is_no_silence, only_a_fresh_command_feeds_the_watchdog,
+    a_moment_of_noise_is_no_fault, samples_come_each_tick_from_limits_to_bye,
     a_tick_that_was_read_before_the_bytes_that_came_meanwhile_is_no_silence,
     the_emergency_stop_is_told_and_latched_until_it_is_released, limits_on_either_side_of_zero, random_sessions,
     noise_damaged_frames_and_true_ones_that_hold_anything,

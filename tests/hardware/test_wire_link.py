@@ -11,11 +11,11 @@ from simulated_bench import NO, TIP, Bench, homed_link, reached, run
 
 from core.device_interface import DeviceError
 from core.files import InputError
-from hardware.emulated_board.line_faults import read_fault
+from hardware.emulated_board.board import Board
 from hardware.sensing.samples import ZERO_SAMPLES
-from hardware.serial_device import Connection, SerialDevice
-from hardware.wire.frames import FrameDecoder
-from hardware.wire.messages import Bye, Command, Limits, State, unpack
+from hardware.serial_device import SerialDevice
+from hardware.wire.frames import FrameDecoder, encode_frame
+from hardware.wire.messages import Limits, State, pack, unpack
 
 
 @pytest.fixture
@@ -42,8 +42,7 @@ def test_samples_say_where_the_tip_is_and_what_the_hand_does(bench: Bench, link:
         (sample,) = run(link, 1)
     assert sample.closed and sample.homed and not sample.fault
     assert math.dist(sample.tip, bench.device.tip) < 1e-3
-    for _ in range(3000):
-        (sample,) = run(link, 1)
+    (*_, sample) = run(link, 2000)
     assert math.dist(sample.tip, bench.device.tip) < 5e-5
     force = np.mean([s.hand_force for s in run(link, 300)], axis=0)
     assert np.allclose(force, bench.device.hand_force, atol=0.05)
@@ -62,22 +61,6 @@ def test_the_delay_from_sample_to_current_is_measured(bench: Bench, link: Serial
     bench.fault("delay=0.001")
     run(link, 50)
     assert link.report()["delay_ticks"] == 3, "a millisecond more each way"
-
-
-def test_a_current_that_makes_no_sense_is_zero_on_the_wire_and_none_is_above_the_brake_files_limit(bench, link) -> None:
-    bench.heard.clear()
-    for currents in ((math.nan, -1.0, 5.0, 0.25), (-math.inf, math.inf, 1e300, 0.25)):
-        run(link, 3, currents)
-    sent = map(unpack, FrameDecoder().feed(b"".join(bench.heard)))
-    assert {command.current_mA for command in sent if isinstance(command, Command)} == {(0, 0, 1000, 250)}
-
-
-def test_closing_sends_zero_before_it_says_goodbye(bench: Bench, link: SerialDevice) -> None:
-    run(link, 20, (0.2,) * 4)
-    bench.heard.clear()
-    link.close()
-    *_, last, goodbye = map(unpack, FrameDecoder().feed(b"".join(bench.heard)))
-    assert isinstance(last, Command) and last.current_mA == (0,) * 4 and isinstance(goodbye, Bye)
 
 
 @pytest.mark.parametrize(
@@ -105,14 +88,14 @@ def test_a_port_where_nothing_answers_is_one_sentence() -> None:
         reached(bench)
 
 
-@pytest.mark.parametrize("kind", ["drop=0.1", "corrupt=0.1", "duplicate=0.1", "jitter=0.003"])
+@pytest.mark.parametrize("kind", ["drop=0.1", "corrupt=0.1", "duplicate=0.1"])
 def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialDevice, kind: str) -> None:
     run(link, 20, (0.2,) * 4)
     bench.fault(kind)
-    came = run(link, 1500, (0.2,) * 4)
+    came = run(link, 1000, (0.2,) * 4)
     health, counts = link.health, bench.to_host.counts
     assert bench.board.state == State.ACTIVE and link.problem == ""
-    assert len(came) > 700
+    assert len(came) > 500
     if kind.startswith("drop"):
         assert health.lost == pytest.approx(counts["drop"], abs=3) and counts["drop"] > 50
     if kind.startswith("corrupt"):  # a flip in the zero byte takes the next frame with it
@@ -126,49 +109,6 @@ def test_a_bad_wire_is_counted_and_survived(bench: Bench, link: SerialDevice, ki
     assert all(math.dist(sample.tip, TIP) < 0.01 for sample in came)
 
 
-def test_silence_is_noticed_in_200_ms_and_the_board_is_safe_within_50(bench: Bench, link: SerialDevice) -> None:
-    run(link, 50, (0.5,) * 4)
-    began = bench.ticks
-    bench.fault("stall+0.4")
-    while not link.problem:
-        noticed = bench.ticks - began
-        assert link.exchange((0.5,) * 4) is None
-    assert noticed <= 206 and link.problem == "no sample for 200 ms"
-    assert bench.last_current - began < 50
-    until(link, lambda: not link.problem)
-    (sample,) = run(link, 1)
-    assert sample.fault == "the board got no command for 50 ms"
-    link.reset()
-    run(link, 5, (0.5,) * 4)
-    assert bench.board.currents == (500,) * 4 and link.health.lost_links == 1
-
-
-def test_an_unplugged_board_comes_back_without_a_restart_and_still_homed(bench: Bench, link: SerialDevice) -> None:
-    before = run(link, 10)[-1]
-    bench.plugged = False
-    assert link.exchange((0.5,) * 4) is None and "it is gone" in link.problem
-    assert link.exchange((0.5,) * 4) is None
-    bench.plugged = True
-    until(link, lambda: not link.problem)
-    after = run(link, 20)[-1]
-    assert after.homed and math.dist(after.tip, before.tip) < 1e-4
-    assert abs(after.t_s - bench.now_s) < 0.01, "the board's clock went on, and so does its model"
-
-
-def test_a_board_that_lost_power_says_so_and_must_be_homed_again(bench: Bench, link: SerialDevice) -> None:
-    run(link, 10, (0.5,) * 4)
-    bench.board.lose_power(1000 * bench.ticks)
-    assert bench.board.currents == (0, 0, 0, 0)
-    while not link.problem:
-        link.exchange((0.5,) * 4)
-    until(link, lambda: not link.problem)
-    (sample,) = run(link, 1)
-    assert "supply voltage" in sample.fault and not sample.homed
-    link.reset()
-    link.home(TIP)
-    assert run(link, 3)[-1].homed
-
-
 def test_a_board_that_nobody_talked_to_is_taken_up_again(bench: Bench, link: SerialDevice) -> None:
     for _ in range(1200):
         bench.tick()
@@ -177,35 +117,19 @@ def test_a_board_that_nobody_talked_to_is_taken_up_again(bench: Bench, link: Ser
     assert bench.board.state == State.READY
 
 
-def test_stop_latches_until_reset(bench: Bench, link: SerialDevice) -> None:
-    run(link, 10, (0.5,) * 4)
-    link.stop()
-    sample = run(link, 3, (0.5,) * 4)[-1]
-    assert sample.fault == "stopped by the host or the emergency stop" and bench.board.currents == (0, 0, 0, 0)
-    link.reset()
-    assert not run(link, 2)[-1].fault
+class GenerousBoard(Board):
+    """Sets limits that nobody has asked for."""
+
+    def receive(self, data: bytes, now_us: int) -> bytes:
+        payloads = FrameDecoder().feed(super().receive(data, now_us))
+        said = [unpack(payload) for payload in payloads]
+        more = [pack(one._replace(current_mA=(3000,) * 4)) if isinstance(one, Limits) else None for one in said]
+        return b"".join(encode_frame(new or old) for new, old in zip(more, payloads, strict=True))
 
 
-def test_a_fault_that_still_stands_is_not_reset(bench: Bench, link: SerialDevice) -> None:
-    sense = bench.device.sense
-    bad = read_fault("bad-encoder=B")
-    bench.device.sense = lambda currents, _: sense(currents, (bad,))
-    assert run(link, 3)[-1].fault == "an encoder's signal is bad"
-    with pytest.raises(DeviceError, match="would not forget its fault: what caused its fault is still there"):
-        link.reset()
-
-
-def test_limits_that_were_not_asked_for_are_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench()
-    ask = Connection.ask
-
-    def generous(self: Connection, question: tuple, kind: type, *patience: float) -> tuple:
-        answer = ask(self, question, kind, *patience)
-        return answer._replace(current_mA=(3000, 1000, 1000, 1000)) if kind is Limits else answer
-
-    monkeypatch.setattr(Connection, "ask", generous)
+def test_limits_that_were_not_asked_for_are_no_connection() -> None:
     with pytest.raises(InputError, match="other current limits"):
-        reached(bench)
+        reached(Bench(kind=GenerousBoard))
 
 
 def test_zero_takes_what_is_read_with_no_hand_and_no_current(bench: Bench, link: SerialDevice) -> None:
@@ -255,15 +179,14 @@ def test_a_zero_holds_for_the_board_it_was_taken_on_until_it_starts_again(bench,
     assert link.sensing.force.zero == pytest.approx(record.force_counts if keeps else np.zeros(6))
 
 
-@pytest.mark.parametrize(("up_ms", "off_s"), [(0, 3.0), (400, 0.01)])
-def test_a_power_up_that_the_board_does_not_count_is_a_fault_until_a_person_resets_it(up_ms: int, off_s: float) -> None:
+def test_a_power_up_that_the_board_does_not_count_is_a_fault_until_a_person_resets_it() -> None:
     bench = Bench()
     link = reached(bench)
     link.home(TIP)
     link.zero()
-    run(link, up_ms, (0.5,) * 4)
+    run(link, 400, (0.5,) * 4)
     starts = link.sensing.hello.starts
-    bench.fault(f"uncounted-start@0.001+{off_s}")
+    bench.fault("uncounted-start@0.001+0.01")
     while not link.problem:
         link.exchange((0.5,) * 4)
     until(link, lambda: not link.problem)
