@@ -1,7 +1,7 @@
 """The controllers as a whole: presets, decisions, currents; where the two sets of rules differ.
 
 The paper's rules read literally deadlock and chatter, the settled ones do not. Points (2) (sense of a joint), (4) and
-(6) are held by kernel tests in test_proportional and test_velocity_field.
+(6) are held by kernel tests in test_choice_of_brake and test_velocity_field.
 """
 
 import math

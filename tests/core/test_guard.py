@@ -55,21 +55,6 @@ def test_no_hand_of_the_full_push_gets_in_where_the_guard_was_sure_and_without_i
     assert np.median(least) < 0.045, "the guard stops far from what it guards"
 
 
-def test_the_guard_does_the_same_to_the_mirror_image_of_a_hand() -> None:
-    flip, guard = np.array([-1.0, 1.0]), Guard(push_N=17.0)
-    for task in random_attacks(np.random.default_rng(16), "straight", FOUR, 6):
-        if (wall := task.obstacle.half_plane_m) is None:
-            continue
-        mirrored = ObstacleFile(half_plane_m=(-wall[0], wall[1], -wall[2], wall[3]))
-        one, other = (
-            run_reach(pushed_device(FOUR, tip), guarded(FOUR, obstacle, guard), forces)
-            for tip, obstacle, forces in (
-                (task.tip, task.obstacle, task.forces), ((-task.tip[0], task.tip[1]), mirrored, task.forces * flip),
-            )
-        )  # fmt: skip
-        assert other == pytest.approx(one, abs=1e-6)
-
-
 def test_hands_that_got_in_where_mass_and_rows_of_one_pose_were_looked_at_do_not() -> None:
     tip, angle = (0.05548013008429037, 0.3957751133750697), 0.6885950036147301  # 2.4 mm inside
     way = np.array([math.cos(angle), math.sin(angle)])

@@ -1,4 +1,4 @@
-"""Order of accuracy, also with the lag of Eq. (1); agreement of the integrators; the paper's friction model, Eq. (6)."""
+"""Order of accuracy, with the lag of Eq. (1) too; agreement of integrators; the paper's friction model, Eq. (6)."""
 
 import math
 from collections.abc import Sequence
