@@ -11,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from core.device import Device, load_device, without_backlash
+from core.mechanism import JOINTS
 from core.simulator.hand import new_hand, wave_hand
 from core.simulator.hermite import hermite_zero, parabola_zero
 from core.simulator.simulation import Grid, Ledger, Schedule, Simulation
@@ -258,7 +259,9 @@ def test_motion_tends_to_that_of_the_exact_solver_as_step_and_band_shrink(bench)
 def test_brakes_add_no_energy_beyond_what_the_band_allows(bench, wave, locked):
     """Inside the band a stuck brake may push with the motion: at most yield x band. Nowhere else."""
     commands = yields(bench, 0.3, **locked)
-    simulation, _ = swung(bench, 1e-3, wave=wave, commands=commands)
+    simulation, rows = swung(bench, 1e-3, wave=wave, commands=commands)
+    rates = np.array([bench.rows(row[1:3]) @ row[3:5] for row in rows])
+    assert all(np.abs(rates[:, JOINTS.index(joint)]).max() < DELTA_OMEGA for joint in locked), "it sticks"
     ledger = simulation.ledger()
     assert ledger.added_by_brakes <= commands.max() * DELTA_OMEGA * 1e-3 + 1e-15
     for heat, limit in zip(ledger.heat, commands, strict=True):
