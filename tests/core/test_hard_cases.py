@@ -198,3 +198,23 @@ def test_energy_that_karnopp_creates_is_warned_of():
     simulation.run(0.2, 5e-3, (5.6, 5.6, 5.6, 0.0))
     ledger = simulation.ledger()
     assert ledger.residual > 0.01 and ledger.warnings()
+
+
+@pytest.mark.parametrize(
+    "lengths, x", [((0.27, 0.30, 0.33, 0.36), -0.05), ((0.33, 0.36, 0.27, 0.30), 0.05)], ids=["arm A", "arm B"]
+)
+def test_near_a_stretched_elbow_an_implicit_step_makes_no_energy(lengths, x):
+    """The mass matrix changes a hundredfold there; without a hand or friction, so that energy may only fall."""
+    bar = replace(FOUR, base_a=(-0.05, 0.0), base_b=(0.05, 0.0), lengths=lengths, limits="margin = 0.01")
+    rng, seen = np.random.default_rng(1), 0
+    for _ in range(12):
+        way, angle = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(1.45, 1.65)
+        tip = np.array((x, 0.0)) + 0.57 * rng.uniform(0.9991, 0.9998) * np.array((math.cos(angle), math.sin(angle)))
+        velocity = 0.5 * math.cos(way), 0.5 * math.sin(way)
+        rows = Simulation(bar.device, tuple(tip), velocity, integrator="stepping").run(0.05, 1e-3, np.zeros(4))
+        energy = np.array([bar.kinetic(row[1:3], row[3:5]) for row in rows])
+        near = np.array([np.abs(bar.sines(row[1:3])[:2]).min() < 0.09 for row in rows])
+        rise = (np.diff(energy) / energy[:-1])[near[1:] & near[:-1]]
+        assert rise.max(initial=0.0) < 1e-9
+        seen += len(rise)
+    assert seen > 60
