@@ -14,11 +14,9 @@ from core.brake import RPM_PER_RAD_S, current_for_torque, lagged_yield, time_con
 from core.device import build_brakes, without_backlash
 from core.device_file import parse_brake
 from core.files import InputError, StrangeInput
-from core.records import new_record
 from core.simulator.hand import new_hand, spring_hand
 from core.simulator.simulation import Grid, Schedule, Simulation
-from core.simulator.state import BRAKING, new_body, pack_brakes
-from core.simulator.stick_slip_mode import set_costs
+from core.simulator.state import pack_brakes
 from core.torque_table import FROM, SLOPE, SQUARE, torque_curve
 
 FILE = THREE.device.brake_files["A"]
@@ -104,17 +102,6 @@ def test_lag_does_not_depend_on_the_step_at_constant_current_and_speed(current, 
     assert once == pytest.approx(exact, rel=1e-12, abs=1e-12)
     assert y == pytest.approx(exact, rel=1e-10, abs=1e-10)
     assert min(start, gain) - 1e-12 <= once <= max(start, gain) + 1e-12
-
-
-@pytest.mark.nojit
-def test_inside_the_backlash_each_direction_has_its_own_yield():
-    """At the upper edge the brake holds its yield against + motion and k_2 against - motion; k_2 both ways inside."""
-    for edge, plus, minus in ((1.0, 4.0, 0.35), (-1.0, 0.35, 4.0), (0.0, 0.35, 0.35)):
-        braking = new_record(BRAKING)[0]
-        braking.torque_yield[:3], braking.edge[:3] = 4.0, edge
-        set_costs(BRAKES, new_body(*START)[0], braking)
-        assert (braking.cost_plus[0], braking.cost_minus[0]) == (plus, minus)
-        assert braking.active[3] == 0
 
 
 def test_reversal_leaves_the_yield_for_the_width_of_the_play():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import APART, COUPLED, PTER, S1, S4, THREE, UNEQUAL, stops_of, switching, yields
+from devices import APART, COUPLED, PTER, S1, S4, THREE, UNEQUAL, random_five_bar, stops_of, switching, yields
 
 from core.device import without_backlash
 from core.mechanism import JOINTS
@@ -29,23 +29,26 @@ def angles(bar, joint: str, tips) -> np.ndarray:
 
 @pytest.mark.parametrize(
     "bar, scene",
-    [(PTER, "switching"), *((bar, scene) for bar in (UNEQUAL, APART) for scene in ("E locked", "C locked"))],
+    [
+        *((bar, "switching") for bar in (PTER, *(random_five_bar(seed) for seed in (10, 27, 36)))),
+        *((bar, scene) for bar in (UNEQUAL, APART) for scene in ("E locked", "C locked")),
+    ],
     ids=lambda value: getattr(value, "name", value),
 )
 def test_motion_equals_the_independent_solution_on_the_ten_coordinates(bar, scene):
     """1 ms steps against DOP853 on Eq. (5), which finds patterns by trial."""
-    times, torques = switching(bar, 0.2)
+    times, torques = switching(bar, 0.1)
     if scene != "switching":
         times, torques = ONCE, yields(bar, 0.3, **{scene[0]: 5.6})[None]
     wave = S4 if scene == "switching" else S1
-    seconds = 0.2 if scene == "switching" else 0.3
+    seconds = 0.1 if scene == "switching" else 0.3
     expected = reference_tips(BenchScene(scene, bar.device, seconds, wave, np.zeros(2), times, torques))
     simulation = Simulation(bar.device, START, hand=wave_hand(wave))
     n = len(expected) - 1
     rows = simulation.rows(n + 1, Schedule(times, torques), Grid(0, n, round(seconds / n / 1e-3), 1e-3))
     error = np.linalg.norm(rows[:, 1:3] - expected, axis=1)
     assert error.max() < 1e-10
-    assert np.linalg.norm(expected - START, axis=1).max() > 0.004
+    assert np.linalg.norm(expected - START, axis=1).max() > 5e-4
 
 
 @coupled

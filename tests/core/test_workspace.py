@@ -7,27 +7,12 @@ import pytest
 from devices import FiveBar
 from scipy.spatial import cKDTree
 
-from core import workspace
 from core.device import build_mechanism, load_device, shipped_devices
 from core.device_file import DeviceFile
 from core.files import InputError, parse_toml
 from core.mechanism import JOINTS, Mechanism
 from core.workspace import FINEST_M, free_tips, tip_is_free, why_impossible
-from experiments.paper_figures.workspace import joint_angles, sdof_family, workspace_of
-
-#: Two devices whose workspaces are 0.3 mm and 0.6 mm thin: coaxial, stops of 0.02 to 0.06 rad.
-STRETCHED = FiveBar(
-    base_a=(0.0, 0.0), base_b=(0.0, 0.0), lengths=(0.3048,) * 4, braked="BC",
-    limits="margin = 0.1\ntheta_E_rad = [-0.11777305360280244, 0.11228696439257521]\n"
-    "theta_B_rad = [1.2481701525014617, 1.2973217776640609]",
-)  # fmt: skip
-LOPSIDED = FiveBar(
-    base_a=(0.017572035157577506, 0.03081762416523723), base_b=(0.017572035157577506, 0.03081762416523723),
-    lengths=(0.46857190712666885, 0.4612225037298324, 0.18935439023936207, 0.4915785162081383), elbows="in",
-    braked="EC", limits="margin = 0.5\ntheta_A_rad = [1.5531335383419946, 1.576906327599925]\n"
-    "theta_B_rad = [2.707494118383021, 2.765979604322116]\n"
-    "theta_C_rad = [-0.5361425011204208, -0.5211330718609212]",
-)  # fmt: skip
+from experiments.paper_figures.workspace import joint_angles
 
 
 def random_bar(generator: np.random.Generator) -> FiveBar:
@@ -49,16 +34,6 @@ def with_stops(bar: FiveBar, stops: dict[str, tuple[float, float]]) -> FiveBar:
 def mechanism_of(bar: FiveBar) -> Mechanism:
     """Its constants, also where it is no device that can exist."""
     return build_mechanism(parse_toml(bar.text, DeviceFile, "device.toml"))
-
-
-@pytest.mark.parametrize("bar, tip", [(STRETCHED, (0.134317, 0.593625)), (LOPSIDED, (-0.44496, 0.504637))])
-def test_devices_with_narrow_stops_load_and_their_workspace_is_found(bar, tip):
-    mechanism = bar.device.mechanism
-    tips = free_tips(mechanism)
-    assert len(tips) >= workspace.ENOUGH and tip_is_free(mechanism, *tips.T).all()
-    assert np.min(np.hypot(*(tips - tip).T)) < 1e-3
-    assert bar.device.force_normalised_N > 0.0
-    assert all(len(sdof_family(workspace_of(mechanism), joint, 0.002)) for joint in bar.braked)
 
 
 def test_a_device_whose_stops_leave_room_around_a_pose_is_accepted():
