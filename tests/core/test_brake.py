@@ -3,6 +3,7 @@
 import math
 import re
 import warnings
+from itertools import product
 
 import numpy as np
 import pytest
@@ -106,17 +107,17 @@ def test_lag_does_not_depend_on_the_step_at_constant_current_and_speed(current, 
 
 def test_reversal_leaves_the_yield_for_the_width_of_the_play():
     """A joint driven back from the edge of its play: the off torque for 0.75 degrees, then the yield."""
-    for bar in (BENCH_THREE, BENCH_FOUR):
+    for bar, way in product((BENCH_THREE, BENCH_FOUR), (1.0, -1.0)):
         g = bar.rows(np.array(START))
-        v = np.array([0.05, 0.0])
+        v = np.array([0.05 * way, 0.0])
         currents = np.array([0.6, 0.0, 0.0, 0.0])
-        hand = new_hand(forces=np.array([[60.0, 0.0]]))
+        hand = new_hand(forces=np.array([[60.0 * way, 0.0]]))
         simulation = Simulation(bar.device, START, tuple(v), fidelity="mr", hand=hand)
         simulation.braking["torque_yield"][0, 0] = 3.4
         side = math.copysign(1.0, g[0] @ v)
         simulation.braking["edge"][0, 0] = -side
         simulation.braking["play"][0, 0] = 0.0 if side > 0 else PLAY
-        rows = simulation.run(0.12, 1e-4, currents)
+        rows = simulation.run(0.08, 1e-4, currents)
         turned = np.abs(np.array([bar.angles(p)[0] for p in rows[:, 1:3]]) - bar.angles(np.array(START))[0])
         inside, outside = turned < PLAY - 1e-5, turned > PLAY + 1e-5
         assert inside.sum() > 10 and outside.sum() > 10

@@ -8,99 +8,18 @@ import pytest
 from core.control.guard import Around, Guard, make_around, stopping_distance, tick_at
 from core.control.levers import MARGIN, SLOWEST, set_direction, take_places
 from core.control.stopping import (
-    assume_brakes,
     furthest,
     make_stopping,
     safe_radius,
-    set_lags,
     set_largest_lags,
-    slope_and_work,
 )
-from core.device import Device, load_device
+from core.device import load_device
 from core.simulator.state import new_body, pack_mechanism
 from core.simulator.stick_slip_mode import update_kinematics
 from core.workspace import brake_rows, free_tips, tip_is_free
 from tests.support.reaches import PUSHES_N, pushed_device
 
 NAMES = list(PUSHES_N)
-
-
-def energy_of(simulated) -> float:
-    """Kinetic energy (J) of a simulated device."""
-    (xx, xy, yy), (vx, vy) = simulated.body["mass"][0], simulated.body["tip"][0, 2:]
-    return float(0.5 * (xx * vx * vx + 2.0 * xy * vx * vy + yy * vy * vy))
-
-
-def random_place(rng: np.random.Generator, device: Device) -> tuple[float, float]:
-    """A tip (m) well inside the workspace."""
-    while True:
-        tip = rng.uniform(-0.2, 0.2), rng.uniform(0.25, 0.5)
-        if tip_is_free(device.mechanism, *tip):
-            return tip
-
-
-def pushed_about(rng: np.random.Generator, simulated, push: float, ticks: int):
-    """A hand of random pushes up to `push` (N) against a full lock: per tick the tip, the energy, what joints turned by
-    and which of them turned back.
-    """
-    force = push * np.array([1.0, 0.0])
-    for n in range(ticks):
-        if n % 20 == 0:
-            angle, size = rng.uniform(0.0, 2.0 * math.pi), push * rng.choice([0.3, 1.0, 1.0])
-            force = size * np.array([math.cos(angle), math.sin(angle)])
-        simulated.hand.grips["held"][0] = force
-        before = simulated.body["rate"][0, :4].copy()
-        simulated.move(simulated.brakes["current_max"][0], 1e-3 * n, 1e-3)
-        after = simulated.body["rate"][0, :4]
-        yield simulated.tip, energy_of(simulated), 0.5e-3 * (np.abs(before) + np.abs(after)), before * after < 0.0
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_brake_takes_no_less_than_the_bound_reckons_with_whatever_the_hand_does(name: str) -> None:
-    device, push = load_device(name), PUSHES_N[name]
-    rng, stopping = np.random.default_rng(1), make_stopping(device.mechanism, device.brakes, push)[0]
-    for _ in range(4):
-        simulated = pushed_device(device, random_place(rng, device))
-        turned, back, highest = np.zeros(4), np.zeros(4), 0.0
-        for tip, energy, angles, turns in pushed_about(rng, simulated, push, 400):
-            turned, back, highest = turned + angles, back + turns, max(highest, energy)
-            take_places(stopping.levers, *tip, 0.0)
-        take_places(stopping.levers, *simulated.tip, 0.08)
-        assume_brakes(stopping, stopping.drag, float(back.max()))
-        set_lags(stopping, 1.02 * highest + 1e-9)
-        for i in np.flatnonzero(device.brakes.present):
-            _, work = slope_and_work(stopping, i, 0.98 * turned[i])
-            assert simulated.data.ledger["heat"][0, i] >= work - 1e-9
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_no_hand_brings_the_tip_or_its_energy_beyond_what_the_bound_lets_it(name: str) -> None:
-    device, push = load_device(name), PUSHES_N[name]
-    rng, stopping = np.random.default_rng(2), make_stopping(device.mechanism, device.brakes, push)[0]
-    checked = 0
-    for _ in range(8):
-        start, heading = random_place(rng, device), rng.uniform(0.0, 2.0 * math.pi)
-        simulated = pushed_device(device, start)
-        speed = rng.uniform(0.0, 0.3)
-        simulated.body["tip"][0, 2:] = speed * math.cos(heading), speed * math.sin(heading)
-        simulated.settle(np.zeros(4), 0.0)
-        assume_brakes(stopping, stopping.drag, 0.0)
-        radius = safe_radius(stopping, *start, energy_of(simulated) + 1e-6)
-        if not math.isfinite(radius):
-            continue
-        checked += 1
-        towards = rng.uniform(0.0, 2.0 * math.pi)
-        n = np.array([math.cos(towards), math.sin(towards)])
-        set_direction(stopping.levers, *n)
-        on = furthest(stopping, energy_of(simulated) + 1e-6, 0.3 * radius)
-        back = np.zeros(4)
-        for tip, _, _, turns in pushed_about(rng, simulated, push, 300):
-            back += turns
-            if back.any() and device.brakes.play.any():
-                break  # each turn inside the play has a play of its own
-            assert math.dist(tip, start) <= radius
-            assert (np.array(tip) - start) @ n <= on
-    assert checked > 3
 
 
 @pytest.mark.parametrize("name", NAMES)
