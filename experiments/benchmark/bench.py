@@ -78,12 +78,12 @@ class Row:
     order: float | None = None  # None where fewer than two errors stand above rounding
 
 
-def run_bench(quick: bool = False, progress: Progress = no_progress) -> dict:
-    """Measure everything that `--json` prints. quick: fewer repeats, steps and devices."""
+def run_bench(quick: bool = False, progress: Progress = no_progress, longest_s: float = math.inf) -> dict:
+    """Measure everything that `--json` prints. quick: fewer repeats, steps and devices; longest_s: of each scene."""
     devices = bench_devices()[1:] if quick else bench_devices()
     steps = (2e-3, 1e-3) if quick else STEPS_S
     repeats = QUICK_REPEATS if quick else REPEATS
-    scenes = [scene for device in devices for scene in bench_scenes(device)]
+    scenes = [scene.until(longest_s) for device in devices for scene in bench_scenes(device)]
     rows: list[Row] = []
     checks, band = [], []
     for n, scene in enumerate(scenes):

@@ -1,7 +1,7 @@
 """The scenes S1-S4 and the two devices of `phd bench`, as data."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -39,6 +39,12 @@ class BenchScene:
     constant: np.ndarray  # (2,) N
     times: np.ndarray  # (n,) s
     torques: np.ndarray  # (n, 4) N m, yields from each time on
+
+    def until(self, seconds: float) -> "BenchScene":
+        """Its beginning."""
+        begun = self.times < seconds
+        shorter = min(self.duration_s, seconds)
+        return replace(self, duration_s=shorter, times=self.times[begun], torques=self.torques[begun])
 
     def hand(self) -> Hand:
         """The hand as the simulator takes it."""

@@ -17,9 +17,19 @@ import numpy as np
 from experiments.analysis.statistics import LEAST_PEOPLE, LEVEL, holm, signed_rank_distribution
 
 MOST_PEOPLE = 200
-STUDIES = 1000  # drawn for each number of people
-REDRAWN, STUDIES_REDRAWN = 100, 200  # of the interval: people drawn anew, and studies drawn of each
 TIES_APART = 1e-9  # relative: a person drawn twice makes two equal differences, which the exact test has none of
+
+
+class Draws(NamedTuple):
+    """How many are drawn: more say it more exactly, and take longer."""
+
+    studies: int = 1000  # for each number of people
+    redrawn: int = 100  # of the interval: people drawn anew
+    studies_redrawn: int = 200  # and studies drawn of each
+    curve_studies: int = 400  # for each point of the figure
+
+
+FULL = Draws()
 
 
 class Needed(NamedTuple):
@@ -30,13 +40,15 @@ class Needed(NamedTuple):
     high: int | None
 
 
-def people_needed(known: np.ndarray, pair: tuple[int, int], power: float, seed: int) -> Needed:
+def people_needed(
+    known: np.ndarray, pair: tuple[int, int], power: float, seed: int, draws: Draws = FULL
+) -> Needed:
     """How many people find the difference between two controllers (their places in the scores) with this power."""
     generator = np.random.default_rng(seed)
-    least = _least(known, pair, power, STUDIES, seed)
+    least = _least(known, pair, power, draws.studies, seed)
     others = [
-        _least(_drawn(known, generator, len(known)), pair, power, STUDIES_REDRAWN, seed + 1 + again)
-        for again in range(REDRAWN)
+        _least(_drawn(known, generator, len(known)), pair, power, draws.studies_redrawn, seed + 1 + again)
+        for again in range(draws.redrawn)
     ]
     ends = np.quantile(others, (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL)), method="closest_observation")
     return Needed(*(None if n > MOST_PEOPLE else int(n) for n in (least, min(ends[0], least), max(ends[1], least))))

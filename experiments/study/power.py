@@ -21,7 +21,9 @@ from experiments.progress import Progress, no_progress
 from experiments.protocol import Protocol
 from experiments.study.helpers import cores, process_pool
 from experiments.study.people_needed import (
+    FULL,
     MOST_PEOPLE,
+    Draws,
     Needed,
     people_needed,
     scores_of,
@@ -33,7 +35,6 @@ from experiments.trial.real_trial import load_kernels
 
 SEED = 1
 CURVE = (6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 70, 100, 140, 200)  # people, of the figure
-CURVE_STUDIES = 400
 SIMULATED = "people are simulated, and most of their numbers assumed"
 COLUMNS = ("from", "configuration", "first", "second", "measure", "unit", "power", "people", "low", "high", "shift")
 
@@ -45,6 +46,7 @@ class Question(NamedTuple):
     second: Preset
     measure: Metric
     power: float
+    draws: Draws = FULL
 
 
 class Answer(NamedTuple):
@@ -107,8 +109,9 @@ def answers(trials: Trials, source: str, protocol: Protocol, question: Question)
     found = []
     for configuration, table in by_configuration(to_compare(trials), question.measure.name):
         people, pair, shift = _people_of(table, protocol, question, f"{source}, {configuration}")
-        curve = tuple(share_found(people, pair, n, CURVE_STUDIES, SEED) for n in CURVE)
-        found.append(Answer(source, configuration, people_needed(people, pair, question.power, SEED), shift, curve))
+        curve = tuple(share_found(people, pair, n, question.draws.curve_studies, SEED) for n in CURVE)
+        needed = people_needed(people, pair, question.power, SEED, question.draws)
+        found.append(Answer(source, configuration, needed, shift, curve))
     return found
 
 

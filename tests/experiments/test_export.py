@@ -25,17 +25,16 @@ from app.cli import main
 from app.window.participant.questionnaire import ITEMS
 from core import tick_log
 from core.files import InputError
-from experiments.analysis.trials_table import COLUMNS, DICTIONARY, TrialRow, row_of
+from experiments.analysis.trials_table import COLUMNS, TrialRow, row_of
 from experiments.export.export import export
 from experiments.export.files import (
     NOTES_CSV,
     QUESTIONNAIRE_CSV,
     answers_and_notes,
-    recording_column,
     write_answers_and_notes,
     write_phenotype,
 )
-from experiments.recording import Sensors, recording_columns
+from experiments.recording import Sensors
 from experiments.store.database import Database
 from experiments.store.files import add_row, pooled_rows, put_row, rows_of
 from experiments.store.journal import ANSWERS, CONTROLLER_ANSWERS
@@ -282,24 +281,6 @@ def test_the_device_of_a_recording_stands_in_its_export(
     about = json.loads(next(exported["bids"].glob(f"sub-{participant}/ses-01/motion/*_motion.json")).read_text())
     assert (about["SimulatedDevice"], about["SimulatedOperator"]) == (simulated_device, simulated_operator)
     assert about["DeviceSerialNumber"] == number
-
-
-def test_every_column_that_can_be_recorded_or_tabled_is_described_with_its_unit(exported):
-    # longer ends first: they hold shorter ones
-    units = {"_N_per_m": "N/m", "_N_m": "N m", "_m_s2": "m/s^2", "_m_s": "m/s", "_us": "us"}
-    units |= {"_s": "s", "_m": "m", "_N": "N", "_A": "A", "_J": "J"}
-    names = [name for name, _ in recording_columns("AEBC")]
-    for name in names:
-        said = [unit for end, unit in units.items() if name.endswith(end)]
-        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).meaning
-    assert [name for name, column in DICTIONARY.items() if column.meaning] == list(COLUMNS)
-    described = json.loads((exported["csv"] / "columns.json").read_text())
-    assert set(described["trials.csv"]) == set(COLUMNS)
-    ours = described["sub-*/ses-*/run-*.csv"]
-    assert set(ours) >= set(names) and "joint C" in ours["torque_C_N_m"]["description"]
-    field = recording_column("current_A_A", "kV/mm")
-    assert (field.unit, field.meaning) == ("kV/mm", "value (kV/mm) commanded to the brake at joint A")
-    assert recording_column("tip_x_m", "kV/mm") == recording_column("tip_x_m")
 
 
 def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,29 +24,20 @@ from experiments.analysis.trials_table import read_table
 from experiments.protocol import load_protocol, protocol_to_json
 from experiments.simulate.scene import read_scene
 from experiments.simulate.simulate import simulate
-from experiments.study.study import run_study
-from experiments.trial.population import load_population
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCKED = ROOT / "experiments/scenes/locked-brake.toml"
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("study") / "study"
-    run_study(out, 1, short(paths=1), load_population())
-    return out
-
-
-def test_a_study_has_the_numbers_of_its_table_and_participants_as_text(folder: Path, tmp_path: Path):
-    (protocol := tmp_path / "short.toml").write_text(short(paths=1).text)
-    there = phd.load_trials(folder)
+def test_a_study_has_the_numbers_of_its_table_and_participants_as_text(whole_study: Path, tmp_path: Path):
+    (protocol := tmp_path / "short.toml").write_text(short().text)
+    there = phd.load_trials(whole_study)
     assert list(there["participant"].unique()) == ["01"] and there.attrs["units"]["path_error_m"] == "m"
-    simulated = phd.run_study(protocol, operators=1)
+    simulated = phd.run_study(protocol, operators=1, seed=4)
     same = [name for name in there if name != "recording"]
     pd.testing.assert_frame_equal(simulated[same], there[same])
     found = phd.statistics(there)
-    assert len(found) == len(statistics(read_table(folder / "trials.csv")))
+    assert len(found) == len(statistics(read_table(whole_study / "trials.csv")))
     assert set(found.query("test == 'mean' and first == '1'")["first_name"]) == {"No control"}
     assert set(found.query("test == 'difference' and second == '2'")["second_name"]) == {"SDOF"}
     boxes = phd.boxes(pd.concat([there] * 5, ignore_index=True), "path_error_m")
@@ -56,25 +48,24 @@ def test_a_study_has_the_numbers_of_its_table_and_participants_as_text(folder: P
         phd.boxes(there, "speed")
 
 
-def test_a_recording_and_its_replay_are_frames(folder: Path):
-    file = next(folder.glob("sub-01/ses-01/trials/run-*.parquet"))
+def test_a_recording_and_its_replay_are_frames(whole_study: Path, tmp_path: Path):
+    session = shutil.copytree(whole_study / "sub-01/ses-01", tmp_path / "sub-01/ses-01")
+    file = next(session.glob("trials/run-*.parquet"))
     ticks = phd.load_recording(file)
     assert ticks["t_s"].diff()[1:].to_numpy() == pytest.approx(1e-3) and set(ticks["phase"]) >= {"move"}
     assert ticks.attrs["units"]["hand_fx_N"] == "N" and ticks.attrs["outcome"]["status"] == "done"
     again = phd.replay(file)
     assert (again["before"].dropna() == again["after"].dropna()).all() and again.attrs["summary"]["equal"]
-    content = file.read_bytes()
-    file.write_bytes(content[:-2000])
+    file.write_bytes(file.read_bytes()[:-2000])
     with pytest.raises(phd.InputError, match="changed or cut"):
         phd.load_recording(file)
-    file.write_bytes(content)
 
 
 def test_a_scene_has_the_rows_of_its_file_from_a_path_or_from_text(tmp_path: Path):
     simulate(read_scene(LOCKED), tmp_path / "motion.csv")
     there = pd.read_csv(tmp_path / "motion.csv", keep_default_na=False)
     motion = phd.run_scene(LOCKED)
-    pd.testing.assert_frame_equal(motion, there)
+    pd.testing.assert_frame_equal(motion, there, check_exact=True)
     without = [name for name, unit in motion.attrs["units"].items() if not unit]
     assert without == ["stuck"] and motion.attrs["units"]["kinetic_J"] == "J"
     pd.testing.assert_frame_equal(phd.run_scene(LOCKED.read_text(), LOCKED.parent), there)
@@ -115,7 +106,7 @@ def test_the_snippets_of_the_pages_and_the_notebook_run(tmp_path: Path, monkeypa
         exec(code.replace("operators=6", "operators=1").replace('Session("paper"', 'Session("short.toml"'), {})
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(
     links=st.tuples(*[st.floats(0.2, 0.4)] * 4),
     apart=st.floats(0.0, 0.1),

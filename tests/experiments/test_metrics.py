@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded import record
 
 from core import tick_log
 from core.control import algorithm
 from core.control import controllers as control
-from core.device import load_device
 from core.files import InputError
 from core.path import Arc, Polyline, build_path, line, point_at
-from experiments.analysis import metrics, steering
+from experiments.analysis import metrics
 from experiments.analysis.findings import IN_BOXES
 from experiments.analysis.movement import (
     along_path,
@@ -33,7 +31,6 @@ from experiments.analysis.movement import (
 )
 from experiments.analysis.statistics import MEASURES
 from experiments.recording import Recording, Sensors, recording_of
-from experiments.store.recording import read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 USE_SDOF = control.DECISIONS.index("sdof A")
@@ -208,31 +205,6 @@ def test_missing_or_uneven_ticks_are_refused():
     interrupted.columns["phase"][3000] = tick_log.HOLD
     with pytest.raises(InputError, match="interrupted"):
         measured(interrupted)
-
-
-def test_a_file_gives_the_same_measures_as_the_arrays_it_was_made_of(tmp_path):
-    generator = np.random.default_rng(8)
-    rows = np.zeros((3000, tick_log.WIDTH))
-    rows[:, tick_log.T] = np.arange(3000) / 1000.0
-    rows[:, tick_log.PHASE] = np.searchsorted([500, 600, 2900], np.arange(3000), side="right")
-    rows[:, tick_log.TIP_X] = np.linspace(-0.1, 0.1, 3000)
-    rows[:, tick_log.TIP_Y] = 0.4 + 1e-4 * np.cumsum(generator.normal(size=3000))
-    rows[:, [tick_log.TIP_VX, tick_log.HAND_FX, tick_log.CURRENT]] = np.abs(generator.normal(size=(3000, 3)))
-    rows[:, tick_log.TIP_AX] = generator.normal(size=3000)
-    rows[:, tick_log.DECISION] = generator.integers(0, len(control.DECISIONS), 3000)
-    rows[:, tick_log.WANTED_FX] = 10.0
-    rows[:, [tick_log.FORWARD_X, tick_log.PATH_DISTANCE, tick_log.HAND_FY]] = 1.0
-    about = {steering.KEY: steering.to_metadata(load_device("three-brake"))}
-    from_file = measured(read_recording(record(tmp_path, rows, metadata=about)))
-    move = slice(600, 2900)
-    tip = rows[:, tick_log.TIP_X : tick_log.TIP_Y + 1]
-    deviation = np.abs(tip[move, 1] - 0.4)
-    assert from_file.path_error_time_m == pytest.approx(deviation.mean(), rel=1e-12)
-    assert from_file.acceleration_dft_sum == amplitude_sum(weighted_amplitudes(tip_acceleration(tip)[move]))
-    exact = amplitude_sum(weighted_amplitudes(rows[move][:, [tick_log.TIP_AX, tick_log.TIP_AY]]))
-    assert from_file.acceleration_exact_dft_sum == exact
-    assert from_file.sparc == sparc(rows[move, tick_log.TIP_VX])
-    assert all(value is not None for value in vars(from_file).values())
 
 
 TONES = {

@@ -32,9 +32,7 @@ def protocol_with(folder: Path, old: str, new: str) -> Path:
     ("old", "new", "sentence"),
     [
         ("disc_m = [0.0, 0.42, 0.02]", "disc_m = [0.10, 0.40, 0.02]", "path 1 ends in an obstacle"),
-        ("disc_m = [0.0, 0.42, 0.02]", "disc_m = [0.0, 0.42]", "disc_m must hold 3 values, not 2"),
         ("push_N = 10.0", "push_N = 50.0", "must be less than the .* that device four-brake holds on path 1"),
-        ('release = "pull"', 'release = "never"', "guard.release must be one of pull, clear"),
         ("[0.05, 0.28], [0.0, 0.28]]", "[0.0, 0.28], [0.05, 0.28]]", "polygon_m: must be convex"),
         (TEXT, f"{PAPER}\n[guard]\npush_N = 5.0\n", "guard: there is no obstacle to guard"),
     ],

@@ -185,14 +185,12 @@ def test_whatever_the_file_does_brakes_get_what_they_may_have_or_the_trial_ends_
 
 @pytest.mark.parametrize("text, wanted", [
     ("x = (", "damper.py: cannot be run: line 1: SyntaxError"),
-    ("x = 1", "must have ALGORITHM"),
     (DAMPER.replace("@kernel\n", ""), "write @kernel above it"),
     (DAMPER.replace("return DAMPED", "return tick.nothing"), "line 30: Unknown attribute 'nothing' of type Tick$"),
     (DAMPER.replace("damping * abs", "dampin * abs"), "^damper.py: does not compile: line 29: .*'dampin' is not def"),
     (DAMPER.replace("best, damping *", "damping *"), "line 29: a call of .tick, i, force.: missing a required arg"),
     (DAMPER.replace("    best, most", "    tick.g[0, 0] = 1.0\n    best, most", 1), "compile: .*readonly array"),
     (DAMPER.replace("(GAP_M, DAMPING)", "GAP_M"), "must be a tuple of Parameter"),
-    (DAMPER.replace("(GAP_M, DAMPING)", "(DAMPING, DAMPING)"), "each of another name"),
     (DAMPER.replace("200.0, (10.0, 2000.0)", '"200", (10.0, 2000.0)'), "must be numbers"),
     (DAMPER.replace('("damped",)', '("damped")'), 'decisions must be a tuple of texts: ."damped",.'),
     (f"{DAMPER}\nimport os; os.chdir('/')", "changed the current folder"),
@@ -272,10 +270,7 @@ def test_an_export_describes_it_and_a_blind_table_hides_it(received, tmp_path):
     (MEASURE.replace('"late_error_mm"', '"late error"'), "letters .a to z., digits and _, not 'late error'"),
     (MEASURE.replace('"late_error_mm"', '"path_error_m"'), "path_error_m is a column that tables have already"),
     (MEASURE.replace('"hard_push_share"', '"late_error_mm"'), "two measures have the same name"),
-    (MEASURE.replace('"mm"', "3"), "title, unit and meaning must be text"),
-    (MEASURE.replace("late_error, ", "1.0, "), "of must be a function"),
     (MEASURE.replace('above 5 N")', 'above 5 N", better="least")'), "better must be one of lower, higher"),
-    (MEASURE.replace('above 5 N")', 'above 5 N", 1.5)'), "decimals must be a whole number"),
 ])  # fmt: skip
 def test_a_file_that_declares_no_measures_is_refused_in_a_sentence(text: str, wanted: str):
     with pytest.raises(InputError, match=wanted) as refused:
@@ -295,12 +290,10 @@ def answer_of(body: str) -> float | None:
 
 @pytest.mark.parametrize("body, said", [
     ("return 'much'", "answered no number .str 'much'."),
-    ("return True", "answered no number"),
     ("return np.zeros(3)", "answered no number .ndarray"),
     ("return 10**400", "OverflowError|no finite number"),
     ("return m.column('nothing')", "has no column 'nothing'; it has t_s"),
     ("raise SystemExit(3)", "odd.py: a: line N: SystemExit: 3"),
-    ("raise KeyboardInterrupt", "odd.py: a: line N: KeyboardInterrupt"),
     ("return attack(m)", "odd.py: a: line N: RecursionError: maximum recursion depth exceeded"),
     ("sys.setrecursionlimit(10**9); f = lambda: sorted([0], key=lambda _: f()); f()", "crashed its process"),
     ("os.kill(os.getpid(), signal.SIGKILL)", "odd.py: a: ended its process .exit status -9"),

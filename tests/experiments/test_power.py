@@ -8,7 +8,7 @@ from protocols import short
 
 from core.files import InputError
 from experiments.analysis.statistics import signed_rank_p
-from experiments.study.people_needed import MOST_PEOPLE, people_needed, share_found, signed_rank_chances
+from experiments.study.people_needed import MOST_PEOPLE, Draws, people_needed, share_found, signed_rank_chances
 from experiments.study.power import power, question_of
 from experiments.trial.population import load_population
 
@@ -21,18 +21,8 @@ def people(*means: float, count: int = 4000, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).multivariate_normal(means, covariance, count)
 
 
-@pytest.fixture
-def rough(monkeypatch):
-    """Few studies for each number of people: what is written does not depend on how many."""
-    for name, studies in (("people_needed.STUDIES", 50), ("people_needed.REDRAWN", 5), ("power.CURVE_STUDIES", 10)):
-        monkeypatch.setattr(f"experiments.study.{name}", studies)
-
-
-@pytest.fixture
-def few_redrawn(monkeypatch):
-    """The interval of a number from a third of the people drawn anew, and half of the studies."""
-    for name, count in (("REDRAWN", 33), ("STUDIES_REDRAWN", 100)):
-        monkeypatch.setattr(f"experiments.study.people_needed.{name}", count)
+ROUGH = Draws(50, 5, 50, 10)  # where what is written does not depend on them
+FEW = Draws(redrawn=33, studies_redrawn=100)
 
 
 def test_many_signed_rank_tests_at_once_are_those_of_the_analysis():
@@ -45,10 +35,9 @@ def test_many_signed_rank_tests_at_once_are_those_of_the_analysis():
     assert signed_rank_chances(differences) == pytest.approx(one_by_one, abs=1e-12)
 
 
-@pytest.mark.usefixtures("few_redrawn")
 @pytest.mark.parametrize("means", [(0.0, 0.8), (0.0, 0.8, 0.4, 0.2)])
 def test_at_the_number_named_new_studies_find_the_difference_as_often_as_wanted(means: tuple[float, ...]):
-    named = people_needed(people(*means), (0, 1), FOUND, seed=1)
+    named = people_needed(people(*means), (0, 1), FOUND, 1, FEW)
     assert named.people and named.low and named.high and named.low <= named.people <= named.high
     spread = 3.0 * np.sqrt(FOUND * (1.0 - FOUND) * (1.0 / 500 + 1.0 / 1000))
     others = people(*means, seed=1)
@@ -56,19 +45,17 @@ def test_at_the_number_named_new_studies_find_the_difference_as_often_as_wanted(
     assert share_found(others, (0, 1), named.people - 2, 500, seed=99) < FOUND + spread
 
 
-@pytest.mark.usefixtures("few_redrawn")
 def test_the_interval_holds_the_true_number():
-    true = people_needed(people(0.0, 0.8), (0, 1), FOUND, seed=1).people
+    true = people_needed(people(0.0, 0.8), (0, 1), FOUND, 1, ROUGH._replace(studies=1000)).people
     assert true
-    found = [people_needed(people(0.0, 0.8, count=60, seed=seed), (0, 1), FOUND, seed) for seed in range(1, 9)]
+    found = [people_needed(people(0.0, 0.8, count=60, seed=seed), (0, 1), FOUND, seed, FEW) for seed in range(1, 9)]
     inside = sum((needed.low or MOST_PEOPLE) <= true <= (needed.high or MOST_PEOPLE) for needed in found)
     assert inside >= 5, "of 8 intervals of 95 %, fewer come true once in 2,500 runs"
 
 
-@pytest.mark.usefixtures("rough")
 def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tmp_path):
     protocol = short(paths=1)
-    asked = question_of(protocol, ("no control", "4"), "path_error_m", FOUND)
+    asked = question_of(protocol, ("no control", "4"), "path_error_m", FOUND)._replace(draws=ROUGH)
     populations = {name: load_population(name) for name in ("average", "steady")}
     done = []
     summary = power(protocol, asked, populations, 6, tmp_path / "out", done.append)
@@ -82,7 +69,6 @@ def test_simulated_people_of_each_population_get_a_line_a_curve_and_a_warning(tm
         power(protocol, asked, populations, 6, tmp_path / "out")
 
 
-@pytest.mark.usefixtures("rough")
 def test_a_question_that_says_nothing_is_refused_and_nothing_is_half_written(tmp_path):
     protocol = short(paths=1)
     asked = question_of(protocol, ("1", "SDOF"), "mean_tip_force_N", FOUND)
@@ -95,6 +81,5 @@ def test_a_question_that_says_nothing_is_refused_and_nothing_is_half_written(tmp
         question_of(protocol, ("1", "2"), "speed", FOUND)
 
 
-@pytest.mark.usefixtures("rough")
 def test_more_people_than_can_be_had_are_no_number():
-    assert people_needed(people(0.0, 0.0), (0, 1), FOUND, seed=1).people is None
+    assert people_needed(people(0.0, 0.0), (0, 1), FOUND, 1, ROUGH).people is None

@@ -57,14 +57,11 @@ def recorded(rows: np.ndarray, device, outcome: dict, path: Path, sensors: Senso
     return read_recording(record(path.parent / path.stem, rows, device.braked, outcome, sensors=sensors))
 
 
-@pytest.mark.parametrize(("device", "controller", "seed"), [("four-brake", 2, 3)])
-def test_a_trial_on_the_board_has_the_simulated_devices_measures_and_energies(
-    device: str, controller: int, seed: int, tmp_path: Path
+def test_a_trial_on_the_board_has_the_simulated_devices_measures_and_energies_and_a_row_a_sample(
+    bench: RealBench, tmp_path: Path
 ) -> None:
-    bench = RealBench(device, seed)
-    trial = bench.trial(controller)
+    trial = bench.trial(2)
     rows = bench.run(trial)
-    bench.link.close()
     outcome = trial.outcome()
     assert (outcome["status"], outcome["reason"], outcome["filled"]) == ("done", "", 0)
     assert np.array_equal(
@@ -73,7 +70,7 @@ def test_a_trial_on_the_board_has_the_simulated_devices_measures_and_energies(
     moving = rows[:, tick_log.PHASE] == tick_log.MOVE
     assert rows[moving][:, CURRENTS].any() and not rows[~moving][:, CURRENTS].any()
     assert not any(trial.currents) and not any(bench.board.board.currents), "none after the last tick"
-    same = simulated(bench.device, controller, seed)
+    same = simulated(bench.device, 2, 3)
     here = recorded(rows, bench.device, outcome, tmp_path / "here.arrows", Sensors("AB", 6))
     there = recorded(same, bench.device, {}, tmp_path / "there.arrows", None)
     ours, theirs = (trial_metrics(recording, trial.path) for recording in (here, there))
@@ -84,22 +81,16 @@ def test_a_trial_on_the_board_has_the_simulated_devices_measures_and_energies(
     assert rows[-1, tick_log.ENERGY_BRAKES] == pytest.approx(same[-1, tick_log.ENERGY_BRAKES], rel=0.25)
     assert "estimated" in outcome["ledger"]
 
-
-def test_every_sample_is_a_row_on_the_boards_clock_with_its_raw_counts(bench: RealBench, tmp_path: Path) -> None:
-    trial = bench.trial(2)
-    rows = bench.run(trial, lambda trial: trial.phase == "hold")
     assert np.array_equal(np.diff(rows[:, tick_log.BOARD_US]), np.full(len(rows) - 1, 1000.0))
-    recording = recorded(rows, bench.device, trial.outcome(), tmp_path / "run.arrows", Sensors("AB", 6))
     assert {"board_us", "host_s", "filled", "encoder_A_counts", "encoder_B_counts", "force_6_counts",
-            "measured_C_A"} <= set(recording.columns)  # fmt: skip
-    assert "encoder_E_counts" not in recording.columns and recording.sensors == Sensors("AB", 6)
-    counts = recording.column("encoder_A_counts")
+            "measured_C_A"} <= set(here.columns)  # fmt: skip
+    assert "encoder_E_counts" not in here.columns and here.sensors == Sensors("AB", 6)
+    counts = here.column("encoder_A_counts")
     assert np.array_equal(counts, np.round(counts)) and np.ptp(counts) > 100
-    host = recording.column("host_s") - 1e-6 * recording.column("board_us")
-    assert np.ptp(host) < 1e-3
+    assert np.ptp(here.column("host_s") - 1e-6 * here.column("board_us")) < 1e-3
 
 
-def test_samples_that_came_while_the_host_was_late_are_all_recorded_and_only_the_newest_decides(
+def test_samples_that_came_late_are_all_recorded_the_newest_decides_and_a_stopped_trial_ends_at_once(
     bench: RealBench,
 ) -> None:
     trial = bench.trial(2)
@@ -113,20 +104,32 @@ def test_samples_that_came_while_the_host_was_late_are_all_recorded_and_only_the
     assert (np.diff(rows[:, tick_log.LATENESS_US]) < 0.0).all() and rows[0, tick_log.LATENESS_US] > 9e3
     assert rows[:, tick_log.DECIDED].tolist() == [0.0] * 10 + [1.0]
 
+    trial.abort("the participant sneezed")
+    trial.abort("and again")
+    assert not any(trial.currents)
+    rows = bench.run(trial)
+    outcome = trial.outcome()
+    assert (outcome["status"], outcome["reason"]) == ("aborted", "the participant sneezed")
+    assert len(rows) == round(PAPER.trial.end_s * 1000) and not rows[:, CURRENTS].any()
 
-def test_on_a_bad_wire_every_decision_follows_from_the_recording_alone_which_says_what_was_filled_in(
+
+def test_on_a_bad_wire_decisions_follow_from_the_recording_alone_and_a_fault_after_the_end_leaves_the_trial_done(
     bench: RealBench, tmp_path: Path
 ) -> None:
     trial = bench.trial(4)
     bench.board.fault("drop=0.05")
-    rows = bench.run(trial, lambda trial: trial.phase == "move")
+    rows = [bench.run(trial, lambda trial: trial.phase == "move")]
     bench.pass_time(10)
-    rows = np.concatenate((rows, bench.run(trial)))
-    outcome = trial.outcome()
+    rows.append(bench.run(trial, lambda trial: trial.phase == "end"))
+    filled, lost_on_the_way = trial.outcome()["filled"], bench.link.health.lost
+    bench.link.stop()
+    bench.run(trial)
+    rows, outcome = np.concatenate(rows), trial.outcome()
     assert outcome["status"] == "done", outcome
+    assert outcome["reason"] == "after its end: stopped by the host or the emergency stop"
     lost = rows[:, tick_log.FILLED] == 1.0
-    assert lost.sum() == outcome["filled"] > 50
-    assert bench.link.health.lost == pytest.approx(outcome["filled"], abs=5)
+    assert lost.sum() == filled > 50
+    assert lost_on_the_way == pytest.approx(filled, abs=5)
     assert np.isnan(rows[lost][:, tick_log.BOARD_US]).all()
     assert np.isfinite(rows[:, tick_log.TIP_X : tick_log.HAND_FY + 1]).all()
     found = recorded(rows, bench.device, outcome, tmp_path / "run.arrows", Sensors("AB", 6))
@@ -137,26 +140,3 @@ def test_on_a_bad_wire_every_decision_follows_from_the_recording_alone_which_say
     assert check_decisions(found, bench.device, Conditions(PATH, preset, rules)) == (decided, 0)
     other = preset.replaced(gain_N_s_m=0.9 * preset.value("gain_N_s_m"))
     assert check_decisions(found, bench.device, Conditions(PATH, other, rules)).different > 10
-
-
-def test_a_stopped_trial_ends_at_once_for_its_reason_with_its_recorded_end(bench: RealBench) -> None:
-    trial = bench.trial(2)
-    bench.run(trial, lambda trial: trial.phase == "move" and any(trial.currents))
-    trial.abort("the participant sneezed")
-    trial.abort("and again")
-    assert not any(trial.currents)
-    rows = bench.run(trial)
-    outcome = trial.outcome()
-    assert (outcome["status"], outcome["reason"]) == ("aborted", "the participant sneezed")
-    assert len(rows) == round(PAPER.trial.end_s * 1000) and not rows[:, CURRENTS].any()
-
-
-def test_a_fault_after_the_end_leaves_the_trial_done_and_is_told(bench: RealBench) -> None:
-    trial = bench.trial(2)
-    bench.run(trial, lambda trial: trial.phase == "end")
-    bench.link.stop()
-    bench.run(trial)
-    outcome = trial.outcome()
-    assert (
-        outcome["status"] == "done" and outcome["reason"] == "after its end: stopped by the host or the emergency stop"
-    )

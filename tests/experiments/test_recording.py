@@ -208,18 +208,6 @@ def test_a_tick_with_a_code_without_a_word_is_refused_and_the_rest_is_kept(datab
     assert recording_of(database).whole
 
 
-def test_a_trial_whose_ticks_have_left_the_database_keeps_its_file(database):
-    writer = begun(database)
-    writer.write(ticks(100))
-    trial = writer.close({"status": "done"})
-    database.commit()
-    close_trial(database, trial, sync=False)
-    database.commit()
-    with pytest.raises(OSError, match="0 of 100 ticks are in the database"):
-        close_trial(database, trial, sync=False)
-    assert recording_of(database).whole and recording_of(database).rows == 100
-
-
 def test_a_file_that_is_not_what_was_written_stops_the_closing_and_the_ticks_stay(database, monkeypatch):
     rows, writer = ticks(100), begun(database)
     writer.write(rows)

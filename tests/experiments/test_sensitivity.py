@@ -1,6 +1,5 @@
-"""Sensitivity: each sample is the study that `phd study` runs; one table whatever ran where; what decides is found."""
+"""Sensitivity: each sample is the study that `phd study` runs; what decides is found."""
 
-import json
 import math
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import pandas as pd
 import pytest
 from refusals import refusal
 
-from app.cli import main
 from core.files import InputError
 from core.workspace import tip_is_free
 from experiments.analysis.findings import IN_BOXES, LEAST_FINISHED, STATEMENTS, box_findings_of
@@ -75,10 +73,6 @@ def whole(small, tmp_path_factory) -> Path:
     return out
 
 
-def table(out: Path) -> bytes:
-    return (out / "sensitivity.csv").read_bytes()
-
-
 def test_the_rows_of_a_sample_are_the_trials_of_a_study_with_its_values_and_seed_and_judged_as_those(small, whole):
     ranges = load_ranges(small)
     sample = SensitivityRun(ranges, 3).samples()[1]
@@ -92,6 +86,8 @@ def test_the_rows_of_a_sample_are_the_trials_of_a_study_with_its_values_and_seed
     ]
     for metric in JUDGED:
         assert ours[metric.name].tolist() == [float(f"{row.value(metric.name):.6g}") for row in trials]
+    with pytest.raises(InputError, match="sensitivity was begun with another n"):
+        run_sensitivity(SensitivityRun(ranges, 5), whole, resume=True)
     judged = judge(read_trials(whole / "sensitivity.csv"), ("three-brake", "four-brake"), 1)
     assert judged.holds.iloc[1].tolist() == [one.verdict == "holds" for one in box_findings_of(as_table(trials))]
 
@@ -130,7 +126,7 @@ def test_a_path_out_of_reach_moves_to_the_middle_and_is_shortened_until_all_devi
     devices = load_protocol("paper").devices
     middle, generator = np.array([0.0, 0.4]), np.random.default_rng(1)
     moved = shortened = 0
-    for _ in range(20):
+    for _ in range(12):
         asked = dict(
             zip(("x_m", "y_m", "length_m", "angle_deg"), generator.uniform((-0.5, 0.1, 0.1, -90), (0.5, 0.7, 0.9, 90)),
                 strict=True)
@@ -142,7 +138,7 @@ def test_a_path_out_of_reach_moves_to_the_middle_and_is_shortened_until_all_devi
         assert angle == pytest.approx(asked["angle_deg"], abs=math.degrees(1e-6 / math.dist(start, end)))  # ends in um
         moved += not np.allclose((start + end) / 2, (asked["x_m"], asked["y_m"]), atol=1e-5)
         shortened += math.dist(start, end) < asked["length_m"] - 1e-5
-    assert moved > 5 and shortened > 2
+    assert moved > 3 and shortened > 1
     inside = within_reach(devices, {"x_m": 0.01, "y_m": 0.38, "length_m": 0.1, "angle_deg": 0.0}, middle)
     assert inside == pytest.approx(np.array([[-0.04, 0.38], [0.06, 0.38]]))
 
@@ -163,40 +159,14 @@ def test_one_value_is_the_same_in_all_samples(small, tmp_path):
     assert people.draw(np.random.default_rng(1)) == usual._replace(skill=0.5 * usual.skill)
     first, second = SensitivityRun(ranges, 2).samples()
     assert first.seed != second.seed and first.values == second.values == {}
-    run_sensitivity(SensitivityRun(ranges, 2), tmp_path / "out")
-    assert "The same in all: population steady, lag 3.0, skill 0.5." in (tmp_path / "out/report/report.md").read_text()
-
-
-def test_an_interrupted_run_goes_on_to_the_same_table_byte_for_byte_and_runs_only_what_is_missing(
-    small, whole, tmp_path, capsys
-):
-    """What a kill leaves of a sweep, parts and all, is in test_sweep."""
-    cut, lines = tmp_path / "cut", table(whole).splitlines(keepends=True)[1:]
-    (cut / "parts").mkdir(parents=True)
-    (cut / "sensitivity.json").write_bytes((whole / "sensitivity.json").read_bytes())
-    for number in (1, 3):
-        part = [line for line in lines if line.startswith(b"%d," % number)]
-        (cut / "parts" / f"{number:06d}.csv").write_bytes(b"".join(part))
-    assert main(["sensitivity", str(small), "--n", "3", "--out", str(cut), "--resume", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["already_done"] == 2
-    assert table(cut) == table(whole)
-    for path in (whole / "report").iterdir():
-        assert (cut / "report" / path.name).read_bytes() == path.read_bytes()
-    with pytest.raises(InputError, match="sensitivity was begun with another n"):
-        run_sensitivity(SensitivityRun(load_ranges(small), 5), cut, resume=True)
 
 
 WRONG = {
-    "no range": (RANGES.split("[rules]")[0], "holds no range"),
     "no source": (RANGES.replace('source = "Table I"\n', ""), "source"),
     "upside down": (RANGES.replace("low = 5.0", "low = 5000.0"), "low (5000) must be less than high (1000)"),
     "log of zero": (RANGES.replace("low = 5.0", "low = 0.0"), "low must be greater than 0 where log is true"),
-    "value and range": (RANGES.replace("high = 1000.0", "high = 9.0\nvalue = 7.0"), "must hold value, or low and"),
     "value that cannot be": (RANGES.replace("low = 1.0\nhigh = 1.5", "value = -1.0"), "movement_s: -1.0 cannot"),
-    "rules by numbers": (RANGES.replace('choices = ["settled", "literal"]', "low = 0\nhigh = 1"), "must hold choices"),
     "unknown rules": (RANGES.replace('"literal"', '"magic"'), "rules: 'magic' cannot be"),
-    "assumption out of bounds": (RANGES.replace("low = 5.0", "low = -5.0").replace("log = true", ""), "low_gain"),
-    "unknown number of operators": (RANGES.replace("operator.movement_s", "operator.joy"), "joy: there is no such"),
     "path that is none": (RANGES + '[path."3.x_m"]\nvalue = 0.1\nsource = "x"', "path.3.x_m: there is no such number"),
 }  # fmt: skip
 
@@ -213,9 +183,6 @@ def test_the_shipped_ranges_can_be_run_and_say_what_they_rest_on():
     ranges = load_ranges("paper")
     assert ranges.operators == 3 and len(ranges.ranges) >= 30 and all(of.source for of in ranges.ranges.values())
     assert {"path.1.x_m", "assumptions.torque_factor", "device_factor.mass.??.mass_kg"} <= set(ranges.ranges)
-    # a path of whose points, 2 mm apart from one end, none met a stop: it is one that the protocol takes
-    protocol, _people = ranges.study(ranges.values(ranges.shares(3000, 1)[2195].tolist()), 1)
-    assert len(protocol.paths) == 2
 
 
 def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(small):
@@ -228,7 +195,7 @@ def test_values_spread_over_a_range_evenly_and_over_its_logarithm_where_asked(sm
     assert sum(one["rules"] == "literal" for one in drawn) == 100
 
 
-def made_samples(n: int = 1000) -> tuple[dict[str, AssumptionRange], np.ndarray, pd.DataFrame]:
+def made_samples(n: int = 600) -> tuple[dict[str, AssumptionRange], np.ndarray, pd.DataFrame]:
     """Statement 1 is decided by the second range, 2 by the first and third together, 3 by chance, the others hold."""
     ranges = {name: AssumptionRange(source="made", low=0.0, high=1.0) for name in "abcd"}
     generator = np.random.default_rng(1)
@@ -276,25 +243,24 @@ def made_trials(n: int, people: int = 3) -> pd.DataFrame:
 
 
 def test_trials_drawn_anew_without_control_differ_as_those_of_controllers_that_do_nothing():
-    judged = judge(made_trials(200), ("three-brake", "four-brake"), 1)
+    n = 80
+    judged = judge(made_trials(n), ("three-brake", "four-brake"), 1)
     made, drawn = judged.holds.mean(), judged.chance.mean()
     assert 0.05 < made[10] < 0.5 < made[6] < 0.98  # worth comparing
     for number, p in made.items():
-        assert (
-            abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / 200) + 0.02
-        )
+        assert abs(p - drawn[number]) < 3.0 * math.sqrt((p * (1 - p) + drawn[number] * (1 - drawn[number])) / n) + 0.02
 
 
 def test_the_report_says_what_decides_and_what_to_measure_first(small, tmp_path):
-    ranges, trials = load_ranges(small), made_trials(60, 1)
-    shares = ranges.shares(60, 1)
+    ranges, trials = load_ranges(small), made_trials(40, 1)
+    shares = ranges.shares(40, 1)
     worse = (trials["controller"] == 3) & (shares[trials["sample"] - 1, 0] >= 0.5)
     trials.loc[trials["controller"] == 3, "path_error_m"] *= 0.5
     trials.loc[worse, "path_error_m"] *= 4.0
     trials.to_csv(tmp_path / "sensitivity.csv", index=False)
     files, summary = report_files(tmp_path / "sensitivity.csv", ranges, shares, 1)
     page = files["report.md"].decode()
-    assert page.startswith("# Sensitivity: small\n\n60 samples of the ranges 'small', seed 1") and "$" not in page
+    assert page.startswith("# Sensitivity: small\n\n40 samples of the ranges 'small', seed 1") and "$" not in page
     assert "| **rules " in page and summary["measure_first"] == "rules"
     assert {"overview.png", "decided-by.png", "samples.csv", "indices.csv"} <= files.keys()
     found = Judgement(tmp_path / "sensitivity.csv", ranges, shares, 1)

@@ -1,10 +1,9 @@
-"""Tables and drawings with wrong values in a right structure: none is taken wrongly without a word."""
+"""Tables with wrong values in a right structure: none is taken wrongly without a word."""
 
 import warnings
 
 import numpy as np
-from mutations import REDRAWN, SPOILT, TABLES, spoilt_table
-from renderer import DRAWINGS, is_drawn, picture
+from mutations import SPOILT, TABLES, spoilt_table
 
 from core.drawn_path import read_path
 from core.files import InputError, StrangeInput, read_text
@@ -14,8 +13,6 @@ from experiments.simulate.scene import read_scene
 SCENE = 'device = "four-brake"\nduration_s = 1.0\nstep_s = 1e-3\ninitial_tip_m = [0.0, 0.4]\n'
 WHERE = {"force": '[force]\nfile = "it.csv"\n', "schedule": '[brakes]\nschedule = "it.csv"\n'}
 REFUSED, WARNED, RIGHT, WRONG = "refused", "warned of", "taken rightly", "taken wrongly"
-ONES = [name for name in DRAWINGS if name != "a used symbol"]  # Qt draws it once more where its group is used
-DRAWN = {"kind": "drawing", "file": "it", "width_m": 1.0, "centre_m": [0.0, 0.0]}
 
 
 def numbers(kind, text, folder):
@@ -48,27 +45,7 @@ def fate_of_table(seed, folder):
     return what, RIGHT if same else WRONG, spoilt
 
 
-def fate_of_drawing(seed):
-    """What was done to a drawing and what became of it: taken rightly is taken as the renderer draws it."""
-    rng = np.random.default_rng(seed)
-    what = list(REDRAWN)[seed % len(REDRAWN)]
-    _, inside = DRAWINGS[rng.choice(ONES)]
-    text = picture(REDRAWN[what](inside, rng), 'viewBox="-1000 -1000 2000 2000" width="2000" height="2000"')
-    try:
-        path, _ = read_path(DRAWN | {"file": "it.svg"}, lambda _: text, "")
-    except InputError:
-        return what, REFUSED, text
-    return what, RIGHT if is_drawn(np.array(path.points_m), text) else WRONG, text
-
-
 def test_a_spoilt_table_is_refused_warned_of_or_taken_rightly(tmp_path):
     fates = [fate_of_table(seed, tmp_path) for seed in range(0, 300, 3)]
     assert [fate for fate in fates if fate[1] == WRONG] == []
     assert {fate for _, fate, _ in fates} == {REFUSED, WARNED, RIGHT}
-
-
-def test_a_spoilt_drawing_is_refused_or_taken_as_a_renderer_draws_it():
-    # without seed 60: an arc of radius 0 is a straight line, for which Qt draws nothing
-    fates = [fate_of_drawing(seed) for seed in range(1, 200, 3)]
-    assert [fate for fate in fates if fate[1] == WRONG] == []
-    assert {fate for _, fate, _ in fates} == {REFUSED, RIGHT}

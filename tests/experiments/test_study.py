@@ -21,13 +21,11 @@ from rows import read_rows, with_measures
 from sessions import closed_session, crash_in_trial, files, new_session, of, run_trials, session_of
 
 from app.cli import main
-from core import tick_log
 from core.files import InputError
 from experiments.analysis.gap_reading import GAP, gap_sentence
 from experiments.analysis.metrics import DRAWN, JUDGED, METRICS
 from experiments.analysis.simulation_errors import STEP
 from experiments.analysis.trials_table import COUNTED, as_table
-from experiments.plan import make_plan
 from experiments.protocol import Protocol, load_protocol, protocol_from_json, protocol_to_json
 from experiments.store.cells import cell
 from experiments.store.files import hold_lock, pooled_rows, write_pooled_table
@@ -46,16 +44,14 @@ from experiments.study.unrecorded import (
     DETECTED_M_S2,
     GAINS,
     person_of,
-    run_trial,
     simulation_errors,
     study_trials,
-    switched_on,
     vibrations,
     with_low_gain_found,
 )
 from experiments.trial.normals import Normals, normals
 from experiments.trial.population import load_population
-from experiments.trial.trial import NOISE_DRAWS, Conditions, SimulatedTrial
+from experiments.trial.trial import NOISE_DRAWS
 
 ALSO_NAMED = [
     "t_s", "phase", "tip_x_m", "tip_y_m", "tip_vx_m_s", "tip_vy_m_s", "tip_ax_m_s2", "tip_ay_m_s2", "hand_fx_N",
@@ -428,25 +424,3 @@ def test_the_integration_errs_little_and_most_where_brakes_switch_and_the_fideli
     assert worst[1, STEP] < 1e-10 and worst[4, STEP] > 1e3 * worst[1, STEP]
     for controller in (2, 4):
         assert worst[controller, STEP] < 1e-5 and worst[controller, BRAKES] > 10.0 * worst[controller, STEP]
-
-
-def test_a_trial_in_finer_steps_has_the_same_ticks_decisions_and_noise():
-    [planned] = [one for one in make_plan(IDEAL, "01", coded=False) if (one.controller, one.path) == (3, 1)]
-
-    def rows(substeps):
-        trial = SimulatedTrial(
-            switched_on(IDEAL.devices[0], IDEAL),
-            planned,
-            Conditions(IDEAL.paths[1], IDEAL.controllers[3], IDEAL.rules, IDEAL.trial),
-            person_of(load_population("average"), IDEAL.seed, 1),
-            normals(1, 1, 1, 1),
-        )
-        trial.refine(substeps)
-        return run_trial(trial).copy()
-
-    once, fine, finer = rows(1), rows(10), rows(20)
-    assert once.shape == fine.shape == finer.shape
-    assert np.array_equal(once[:, tick_log.DECISION], finer[:, tick_log.DECISION])
-    motion = slice(tick_log.TIP_X, tick_log.TIP_X + 4)
-    apart = [np.max(np.abs(one[:, motion] - finer[:, motion])) for one in (once, fine)]
-    assert 0.0 < apart[1] < 0.05 * apart[0] and apart[0] < 5e-5  # second order: a tenth of the step, a hundredth

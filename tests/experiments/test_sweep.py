@@ -1,27 +1,24 @@
-"""Sweeps: one table, resumed after a kill, refused in one sentence; no worker outlives one.
-
-That the table is the same whatever ran where is shown by `test_sensitivity`.
-"""
+"""Sweeps: one table, resumed after a kill, refused in one sentence; no worker outlives one."""
 
 import itertools
 import json
+import multiprocessing
 import signal
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-import killed_work
 import numpy as np
 import pandas as pd
 import pytest
 from exports import rows as csv_rows
 from msgspec import structs
-from processes import gone
+from processes import children, gone
 from refusals import refusal
 from scipy.stats import rankdata
 from waiting import wait_until
 
+from app.cli import main
 from core.simulator.simulated_device import SimulatedDevice
 from experiments.analysis.metrics import BY_NAME
 from experiments.assumptions import SENSINGS
@@ -143,7 +140,6 @@ def test_the_first_trial_begins_where_the_last_path_ends_as_after_a_trial(file):
 
 WRONG = {
     "the same seed twice": ("seed = [1, 1]\n" + SMALL, "seed: the same value is given twice"),
-    "unknown kind": (SMALL.replace('"none"', '"magic"'), "kind"),
     "gap without control": (SMALL.replace('kind = "none"', 'kind = "none"\ngap_m = [0.1]'), "gap_m is not for 'none'"),
     "gain missing": (SMALL.replace("gain_N_s_m = [400.0]", ""), "gain_N_s_m is required"),
     "twice the same": (SMALL.replace("[0.0, 0.005]", "[0.005, 0.005]"), "same controller is given twice"),
@@ -163,27 +159,31 @@ def test_a_wrong_sweep_file_is_one_sentence_and_nothing_written(file, tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
+def swept(arguments: list[str], said: Path) -> None:
+    """`phd ARGUMENTS` in a process of its own, which is to be killed; what it says goes into a file."""
+    with said.open("w") as sys.stderr:
+        sys.exit(main(arguments))
+
+
 def test_a_killed_sweep_leaves_no_worker_and_keeps_what_was_done(file, tmp_path):
     file.write_text(SMALL.replace("operators = 2", "operators = 400"))
-    out = tmp_path / "out"
+    out, said = tmp_path / "out", tmp_path / "said"
     arguments = ["study", "--sweep", str(file), "--out", str(out)]
-    with (tmp_path / "workers").open("w") as printed:
-        command = [sys.executable, killed_work.__file__, str(int(signal.SIGTERM)), *arguments]
-        ended = subprocess.run(command, stdout=printed, stderr=subprocess.PIPE, text=True)
-    assert abs(ended.returncode) == signal.SIGTERM  # Windows has no sign before it
-    workers = [int(pid) for pid in (tmp_path / "workers").read_text().split()]
-    assert workers
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+    process = context.Process(target=swept, args=(arguments, said))
+    process.start()
+    wait_until(lambda: len(list(out.glob("parts/0*.csv"))) >= 3)
+    workers = children(process.pid)
+    process.terminate()
+    process.join()
+    assert abs(process.exitcode) == signal.SIGTERM and workers  # Windows has no sign before it
     wait_until(lambda: all(map(gone, workers)))
-    said = ended.stderr.replace("\r", "\n").splitlines()
-    assert f"phd: {out}: interrupted; continue with the same command and --resume" in said
-    assert not [line for line in said if "arning" in line or "Traceback" in line]
-    kept = {path.name for path in out.glob("parts/0*.csv")}
-    assert len(kept) == killed_work.DONE and not (out / "sweep.csv").exists()
+    lines = said.read_text().replace("\r", "\n").splitlines()
+    assert f"phd: {out}: interrupted; continue with the same command and --resume" in lines
+    assert not [line for line in lines if "arning" in line or "Traceback" in line]
+    assert not (out / "sweep.csv").exists() and json.loads((out / "sweep.json").read_text())["name"] == "small"
     first = load_sweep(file).jobs[0]
-    part = out / "parts" / f"{first.number:06d}.csv"
-    if part.exists():
-        assert part.read_bytes() == first.run().rows
-    assert json.loads((out / "sweep.json").read_text())["name"] == "small"
+    assert (out / "parts" / f"{first.number:06d}.csv").read_bytes() == first.run().rows
 
 
 def test_a_sweep_without_controllers_takes_those_of_its_protocol_under_each_seed():

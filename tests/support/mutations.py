@@ -1,6 +1,5 @@
-"""Tables and drawings that are spoilt as people and programs spoil them: the structure holds, a value is wrong."""
+"""Tables that are spoilt as people and programs spoil them: the structure holds, a value is wrong."""
 
-import re
 from collections.abc import Callable
 
 import numpy as np
@@ -96,73 +95,3 @@ def spoilt_table(kind: str, what: str, rng: np.random.Generator) -> tuple[str, s
     """The text of a right table of a kind, and the same table spoilt."""
     rows = table(kind, rng)
     return as_text(rows), SPOILT[what][0]([list(row) for row in rows], rng)
-
-
-HIDDEN = (
-    '<path d="M0 0L50 9" display="none"/>', '<g style="display:none"><path d="M0 0L50 9"/></g>',
-    '<path d="M0 0L50 9" visibility="hidden"/>', '<defs><path d="M0 0L50 9"/></defs>',
-    '<marker id="m9"><path d="M0 0L50 9"/></marker>',  '<symbol id="s9"><path d="M0 0L50 9"/></symbol>',
-)  # fmt: skip
-WRONG_TRANSFORMS = "rotate(", "rotate(9 9)", "move(3)", "translate(3;4)", "matrix(1 2 3)", "rotate(9deg)"
-
-
-def transform(rng: np.random.Generator) -> str:
-    """One to three random transforms that keep a drawing of 100 within -1000 to 1000."""
-    a, b, c = rng.uniform(-1.0, 1.0, 3).round(3)
-    kinds = (
-        f"translate({50 * a} {50 * b})", f"translate({30 * a})", f"rotate({180 * a},50,{50 * b})",
-        f"scale(-{1 + 0.5 * a},{1 - 0.5 * b})", f"skewX({40 * a:.1f})", f"skewY({40 * b:.1f})",
-        f"matrix({1 + 0.3 * a},{0.3 * b},{0.4 * c},1,{20 * a},{10 * b})",
-    )  # fmt: skip
-    return rng.choice([" ", ",", ""]).join(rng.choice(kinds, rng.integers(1, 4)))
-
-
-def _digit(inside: str, rng: np.random.Generator) -> str:
-    """Another number in place of one in the data of a shape."""
-    places = [found.span() for found in re.finditer(r"(?<=[\s,A-Za-z\"])\d+(?=[\s,A-Za-z\"])", inside)]
-    start, end = places[rng.integers(len(places))]
-    return f"{inside[:start]}{rng.integers(1, 99)}{inside[end:]}"
-
-
-def _of_data(inside: str, change: Callable[[str], str]) -> str:
-    """The drawing with the first data of a path, or the first points, changed."""
-    return re.sub(r'(?<= d="|ts=")([^"]+)', lambda found: change(found[1]), inside, count=1)
-
-
-def _command(inside: str, rng: np.random.Generator) -> str:
-    def other(found: re.Match) -> str:
-        return rng.choice([found[0], found[0].swapcase(), "L", "T"])
-
-    return _of_data(inside, lambda data: re.sub("[A-Za-z]", other, data))
-
-
-def _stray(inside: str, rng: np.random.Generator) -> str:
-    """A character or two in the data in place of another, or of none."""
-
-    def change(data: str) -> str:
-        at, keeps = rng.integers(1, len(data)), rng.integers(2)
-        return data[:at] + rng.choice(["", ",", ",,", ";", "-", ".", "e", " 5 ", "NaN", "1,5"]) + data[at + keeps :]
-
-    return _of_data(inside, change)
-
-
-#: What happens to a drawing -> how.
-REDRAWN: dict[str, Callable[[str, np.random.Generator], str]] = {
-    "in two groups": lambda inside, rng: (
-        f'<g transform="{transform(rng)}"><g transform="{transform(rng)}">{inside}</g></g>'
-    ),
-    "used": lambda inside, rng: (
-        f'<defs><g id="u9">{inside}</g></defs><use href="#u9" x="{rng.integers(40)}" transform="{transform(rng)}"/>'
-    ),
-    "with what is hidden": lambda inside, rng: inside + rng.choice(HIDDEN),
-    "hidden by a class": lambda inside, rng: (
-        f'<style>.n9{{display:none}}</style>{inside}<path class="n9" d="M0 0L50 9"/>'
-    ),
-    "another number": _digit,
-    "another command": _command,
-    "a stray character": _stray,
-    "a wrong transform": lambda inside, rng: f'<g transform="{rng.choice(WRONG_TRANSFORMS)}">{inside}</g>',
-    "a use of nothing": lambda inside, rng: f'{inside}<use href="#gone"/>',
-    "a second line": lambda inside, rng: inside + '<path d="M5 5L9 70"/>',
-    "broken off": lambda inside, rng: inside[: rng.integers(5, len(inside) - 1)],
-}
