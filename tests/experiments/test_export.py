@@ -341,11 +341,6 @@ def test_wrong_input_is_one_sentence_and_nothing_is_written(study, tmp_path, cap
     for sentence, arguments in wrong.items():
         assert sentence in refusal(capsys, *arguments)
         assert files(tmp_path) == before and not (tmp_path / "out").exists()
-    inside = tmp_path / "inside"  # a new folder in its place would leave the shell in one that is gone
-    inside.mkdir()
-    monkeypatch.chdir(inside)
-    assert "is the folder you are in" in refusal(capsys, "export", str(study), "--csv", ".")
-    assert "is not empty" in refusal(capsys, "export", str(study), "--csv", "/") and inside.samefile(".")
 
 
 def test_authors_and_licence_of_the_command_are_kept_for_the_next_export(study, tmp_path):

@@ -267,11 +267,6 @@ def test_the_report_says_what_decides_and_what_to_measure_first(small, tmp_path)
     for statement in STATEMENTS:
         share = 100.0 * found.holds[statement.number].mean()
         assert f"| {statement.number} | {statement.text} | **{share:.1f} %** (" in page
-    six = found.holds[6].to_numpy()
-    with_settled, with_literal = (six[part].mean() for part in (shares[:, 0] < 0.5, shares[:, 0] >= 0.5))
-    assert found.where_it_holds(6, "rules") == f"settled {100 * with_settled:.0f} %, literal " + (
-        f"{100 * with_literal:.0f} %" if with_literal >= 0.095 else f"{100 * with_literal:.1f} %"
-    )
 
 
 def test_the_interval_of_a_share_is_wilsons_and_holds_the_share():
