@@ -40,9 +40,7 @@ class Needed(NamedTuple):
     high: int | None
 
 
-def people_needed(
-    known: np.ndarray, pair: tuple[int, int], power: float, seed: int, draws: Draws = FULL
-) -> Needed:
+def people_needed(known: np.ndarray, pair: tuple[int, int], power: float, seed: int, draws: Draws = FULL) -> Needed:
     """How many people find the difference between two controllers (their places in the scores) with this power."""
     generator = np.random.default_rng(seed)
     least = _least(known, pair, power, draws.studies, seed)
