@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_client import LONG_BREAK, PRACTICE, PRESETS, opened, paper, ready, running, ticks
+from page_driver import LEFT
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
@@ -33,29 +34,22 @@ def said(screens: Screens) -> str:
     return " ".join(screens.participant.view.shown)
 
 
-MOUSE_HAND, SENSOR_HAND, AGAIN = opened(), opened(hand="force sensor"), "until it is full"
+MOUSE_HAND = opened()
 TIMED = opened(protocol=paper(feedback="time", cues=Cues(too_fast_s=3.0, too_slow_s=6.0)))  # the trial took 2.4 s
 SLOW = opened(protocol=paper(cues=Cues(too_fast_s=0.5, too_slow_s=2.0)))
-ERROR = opened(protocol=paper(feedback="error"))
 #: what the server says, the phase of the ticks (None: there are none) and whether the pointer has the handle -> what is
 #: read in large, what of the quiet line, and what is not
 SAYS = {
     "approach": ((MOUSE_HAND, running()), tick_log.APPROACH, True, "Move to the start", "green circle", "pointer"),
-    "hold": ((MOUSE_HAND, running()), tick_log.HOLD, True, "Hold", "Keep still", "pointer"),
     "move": ((MOUSE_HAND, running()), tick_log.MOVE, True, "Go", "Follow the line", "pointer"),
     "move, for a while": ((MOUSE_HAND, running()), tick_log.MOVE, True, "", "Follow the line", "pointer"),
-    "end": ((MOUSE_HAND, running()), tick_log.END, True, "One moment", "", "2.4"),
     "approach, let go": ((MOUSE_HAND, running()), tick_log.APPROACH, False, "Move to the start", "pointer", "circle"),
     "move, let go": ((MOUSE_HAND, running()), tick_log.MOVE, False, "Go", "pointer", "line"),
-    "move, by a sensor": ((SENSOR_HAND, running(1)), tick_log.MOVE, False, "Go", "Follow the line", "pointer"),
     "done": ((MOUSE_HAND, running(), ready(1)), None, True, "Thank you", "One moment", "2.4"),
     "break": ((MOUSE_HAND, ready(9, stage=m.BREAK)), None, True, "Take a break", "Rest your hand", "trial"),
-    "paused": ((MOUSE_HAND, ready(9, paused=True)), None, True, "Take a break", "", "trial"),
     "re-rig": ((MOUSE_HAND, ready(9, stage=m.RERIG)), None, True, "One moment", "prepared", "trial"),
-    "finished": ((MOUSE_HAND, ready(9, stage=m.FINISHED)), None, True, "Thank you!", "", "trial"),
     "time, too fast": ((TIMED, running(), ready(1)), None, True, "Thank you", "2.4 seconds · A little slower", "mm"),
     "too slow": ((SLOW, running(), ready(1)), None, True, "Thank you", "A little faster", "2.4"),
-    "error": ((ERROR, running(), ready(1)), None, True, "Thank you", "1.1 mm", "2.4"),
 }  # fmt: skip
 
 
@@ -119,12 +113,12 @@ def test_the_questions_wait_for_all_answers_and_are_empty_the_next_time(screens:
     assert questions.isVisible() and not questions.done.isEnabled()
     for i, (item, *_) in enumerate(ITEMS):
         scale = questions.scales[item]
-        QTest.mouseClick(scale, Qt.MouseButton.LeftButton, pos=scale.rect().center())
+        QTest.mouseClick(scale, LEFT, pos=scale.rect().center())
         for _ in range(i):
             QTest.keyClick(scale, Qt.Key.Key_Right)
     screens.hear(ready(10, stage=m.PREPARING))  # the control loop had died, and is there again
     screens.hear(ready(10, stage=m.QUESTIONS))
-    QTest.mouseClick(questions.done, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(questions.done, LEFT)
     (answers,) = screens.client.sent
     assert answers == m.Answers({item: 50.0 + 5.0 * i for i, (item, *_) in enumerate(ITEMS)})
     screens.hear(ready(10))
@@ -147,7 +141,7 @@ def test_no_text_is_cut_or_covered_and_what_is_to_be_read_grows_with_the_screen(
     ):
         screens.hear(*said)
         sizes = []
-        for width, height in ((640, 480), (960, 540), (1280, 720), (1920, 1080)):
+        for width, height in ((640, 480), (960, 540), (1920, 1080)):
             window.resize(width, height)
             settle(window)
             assert faults(window) == [], (width, height)
@@ -188,50 +182,43 @@ def instructed(screens: Screens, folder: str, hand: str = MOUSE) -> None:
     screens.hear(opened(protocol=paper(instruction=pages), folder=folder, hand=hand), ready(0))
 
 
-@pytest.mark.parametrize("how", ["key", "button", "participant", "click", "both"])
-def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages(screens: Screens, how: str) -> None:
+def test_no_trial_starts_while_instructions_are_unread_whoever_turns_their_pages(screens: Screens) -> None:
     window, start = screens.participant, screens.run.panel.start
-    turns = {
-        "key": lambda: screens.press(Qt.Key.Key_Space),
-        "button": lambda: QTest.mouseClick(start, Qt.MouseButton.LeftButton),
-        "participant": lambda: screens.press(Qt.Key.Key_Space, window),
-        "click": lambda: QTest.mouseClick(window.instructions, Qt.MouseButton.LeftButton),
-    }
-    hands = [turns["key"], turns["participant"]] if how == "both" else [turns[how]] * 2
-    window.show()
-    instructed(screens, how)
-    screens.client.sent.clear()
-    assert start.text() == "Next page" and screens.run.workspace.view.line == INSTRUCTED.small
-    assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
-    for turn, text in zip(hands, ("Follow the line.", ""), strict=True):
-        turn()
-        assert screens.client.sent == [] and (window.instructions.text.text() == text or not text)
-    assert window.view.isVisible() and start.text() == "Start"
-    (turns["key"] if how == "click" else hands[0])()
-    assert screens.client.sent == [m.Start()]
-    for practice in range(2):  # rows are of the plan alone: after practice there are none yet
-        screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE._replace(repetition=practice)))
-        screens.hear(ready(0))
-        assert window.view.isVisible() and start.text() == "Start"
+    space = lambda: screens.press(Qt.Key.Key_Space)  # noqa: E731
+    ways = (
+        (space, lambda: screens.press(Qt.Key.Key_Space, window)),
+        (lambda: QTest.mouseClick(start, LEFT), lambda: QTest.mouseClick(window.instructions, LEFT)),
+    )
+    for folder, (first, second) in enumerate(ways):
+        instructed(screens, f"{folder}")
+        screens.client.sent.clear()
+        assert start.text() == "Next page" and screens.run.workspace.view.line == INSTRUCTED.small
+        assert window.instructions.isVisible() and window.instructions.text.text() == "Hold the handle."
+        first()
+        assert window.instructions.text.text() == "Follow the line."
+        second()
+        assert window.view.isVisible() and start.text() == "Start" and screens.client.sent == []
+        space()
+        assert screens.client.sent == [m.Start()]
+        for practice in range(2):  # rows are of the plan alone: after practice there are none yet
+            screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE._replace(repetition=practice)))
+            screens.hear(ready(0))
+            assert window.view.isVisible() and start.text() == "Start"
 
 
-def test_on_one_screen_instructions_stand_on_run_and_do_not_come_after_the_first_trial(screens: Screens) -> None:
+def test_on_one_screen_instructions_stand_on_run_and_a_simulated_hand_has_none(screens: Screens) -> None:
     screens.participant.hide()
     instructed(screens, "one screen")
     page = screens.run.instructions
     assert page.isVisible() and page.text.text() == "Hold the handle."
     assert screens.press(Qt.Key.Key_Space) == [] and page.text.text() == "Follow the line."
-    QTest.mouseClick(page, Qt.MouseButton.LeftButton)
-    assert not page.isVisible() and screens.run.panel.start.text() == "Start"
-    assert screens.press(Qt.Key.Key_Space) == [m.Start()]
-    screens.hear(ready(0, stage=m.RUNNING, running=PRACTICE))
-    screens.hear(ready(0))
-    screens.participant.show()
-    assert screens.participant.view.isVisible() and screens.run.panel.start.text() == "Start"
+    QTest.mouseClick(page, LEFT)
+    assert not page.isVisible() and screens.press(Qt.Key.Key_Space) == [m.Start()]
     instructed(screens, "another")
+    screens.participant.show()
     assert screens.participant.instructions.isVisible() and not page.isVisible()
     screens.participant.hide()
-    assert page.isVisible()
+    assert page.isVisible(), "it goes to the other screen, and comes back"
     instructed(screens, "simulated", hand=OPERATOR)
     assert not page.isVisible() and screens.run.panel.start.text() == "Start"
 
@@ -247,6 +234,17 @@ def test_consent_is_answered_on_the_participants_screen_and_no_key_agrees(screen
     for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
         screens.press(key, screens.participant)
     assert answers == [] == screens.client.sent
-    QTest.mouseClick(page.agree, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(page.agree, LEFT)
     screens.participant.ask_consent(None)
     assert answers == [True] and screens.participant.view.isVisible()
+
+
+def test_tones_come_at_go_and_at_the_end_once_each_and_only_where_the_protocol_has_them(screens, monkeypatch) -> None:
+    played: list[str] = []
+    monkeypatch.setattr(screens.participant.tones, "play", played.append)
+    for over, on in enumerate((True, False)):
+        screens.hear(opened(protocol=paper(tones=on)), running(over))
+        for phase in (tick_log.APPROACH, tick_log.HOLD, tick_log.MOVE, tick_log.MOVE, tick_log.END, tick_log.END):
+            screens.tick(ticks(phase))
+        assert played == ["go", "end"]
+        screens.hear(ready(over + 1))

@@ -41,20 +41,18 @@ def test_settings_show_the_theme_in_use_also_where_the_command_line_chose_it(scr
     assert screens.main.findChild(SettingsCard).theme.value() == "light" != memory.remembered(memory.DARK_OR_LIGHT)
 
 
-def test_tab_comes_to_tabs_choices_chips_and_sliders_and_each_shows_that_it_has_the_keyboard(qtbot) -> None:
-    choose("light")
-    tab = QPushButton("Home", objectName="tab", checkable=True, checked=True)
-    dial, choice, lit = DialRow(DIALS[0]), Segments({1: "one", 2: "two"}), toggle("lit", print, on=True)
+def test_tab_comes_to_choices_chips_and_sliders_and_each_shows_that_it_has_the_keyboard(qtbot) -> None:
+    dial, choice = DialRow(DIALS[0]), Segments({1: "one", 2: "two"})
     dial.show_value(0.05)
     choice.show_value(1)
     chosen = choice.findChildren(QPushButton)[0]
-    window = holder(column(QPushButton("first"), tab, chosen.parentWidget(), lit, toggle("dark", print), dial))
+    window = holder(column(QPushButton("first"), chosen.parentWidget(), toggle("lit", print, on=True), dial))
     qtbot.addWidget(window)
     window.show()
     window.activateWindow()
     qtbot.waitUntil(window.isActiveWindow)
     window.findChild(QPushButton).setFocus()
-    for part in (tab, chosen, *window.findChildren(QPushButton, "toggle"), dial.slider):
+    for part in (chosen, *window.findChildren(QPushButton, "toggle"), dial.slider):
         before = part.grab().toImage()
         window.focusNextChild()
         assert window.focusWidget() is part and part.grab().toImage() != before

@@ -46,7 +46,7 @@ class PageDriver:
 
     def until(self, condition: Callable[[], bool]) -> None:
         """Wait for what is done beside the page."""
-        wait_until(condition, pause=lambda: QTest.qWait(5))
+        wait_until(condition, 60.0, lambda: QTest.qWait(5))
 
     def texts(self) -> str:
         """All that can be read now."""
