@@ -3,19 +3,18 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pytest
-from drawn_ways import Pieces, frames, trail_of, way_of
+from drawn_ways import frames, is_painted, trail_of, way_of
 from fake_client import PLAN, before, movement, opened, ready, running
+from PySide6.QtCore import QRectF
+from PySide6.QtGui import QImage
+from scipy.spatial import cKDTree
 from screens import Screens
 from tried import tried
 
-from app.ipc import messages as m
 from app.window.canvas.plane import Plane
-from app.window.widgets.page import RUN, TRY
+from app.window.widgets.page import TRY
 from core import tick_log
 
-SEEDS = range(2)
-WITHIN_PX = 1.0
 Said = dict[int, list[object]]  # after so many ticks of all: what the server says
 
 
@@ -33,10 +32,9 @@ def whole(path: int, generator: np.random.Generator) -> np.ndarray:
     return rows
 
 
-def play(
-    screens: Screens, views: Sequence[Plane], rows: np.ndarray, said: Said, generator: np.random.Generator
-) -> None:
-    """Ticks and messages as they come, painted at some of the frames."""
+def play(screens: Screens, views: Sequence[Plane], trials: Sequence[np.ndarray], said: Said) -> None:
+    """Ticks and messages as they come, painted at some of the frames; the newest trial is then seen whole."""
+    rows, generator = np.concatenate(trials), np.random.default_rng(len(trials))
     for first, until in frames(rows, generator):
         due = [message for tick in sorted(said) if tick <= until for message in said.pop(tick)]
         screens.client.rows, screens.client.taken = rows[first:until], True
@@ -46,52 +44,55 @@ def play(
                 view.grab()
     assert not said
     for view in views:
-        view.grab()
+        assert np.array_equal(trail_of(view), way_of(trials[-1])), "a tick of the movement is missing, or too many"
+        assert is_painted(view)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_in_a_session_both_windows_paint_every_tick_of_a_movement_whichever_frames_are_dropped(
-    screens: Screens, monkeypatch: pytest.MonkeyPatch, seed: int
-) -> None:
-    generator, pieces = np.random.default_rng(seed), Pieces(monkeypatch)
+def test_in_a_session_both_windows_paint_every_tick_of_a_movement_whichever_frames_are_dropped(screens) -> None:
+    generator = np.random.default_rng(1)
     screens.hear(opened(), ready(0))
-    screens.main.show_page(RUN)
-    screens.participant.resize(1280, 720)
     screens.participant.show()
-    views = screens.run.workspace.view, screens.participant.view
     trials = [whole(PLAN[over].path, generator) for over in range(3)]
     for begun in ((0,), (1, 2)):  # one alone; one after the other without a pause
-        rows, said, at = np.concatenate([trials[one] for one in begun]), Said(), 0
+        said, at = Said(), 0
         for one in begun:
             said[at + int(generator.integers(0, 40))] = [running(one)]
             at += len(trials[one])
             said[at] = [ready(one + 1)]
-        play(screens, views, rows, said, generator)
-        for view in views:
-            newest = trials[begun[-1]]
-            assert np.array_equal(trail_of(view), way_of(newest)), "a tick of the movement is missing, or one too many"
-            assert pieces.furthest_px(view, newest) < WITHIN_PX
-    screens.participant.hide()
+        views = screens.run.workspace.view, screens.participant.view
+        play(screens, views, [trials[one] for one in begun], said)
 
 
-def a_pass(begun: int) -> m.Snapshot:
-    """This pass of Try is running."""
-    now = tried()
-    return now._replace(running=now.running._replace(repetition=begun))
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(screens, monkeypatch, seed) -> None:
-    generator, pieces = np.random.default_rng(seed), Pieces(monkeypatch)
+def test_try_paints_every_tick_of_a_pass_whichever_frames_are_dropped(screens: Screens) -> None:
+    generator, now = np.random.default_rng(2), tried()
     screens.hear(opened(""), before())
     screens.main.show_page(TRY)
-    canvas = screens.main.pages[TRY].canvas  # type: ignore[attr-defined]
     passes = [whole(1, generator) for _ in range(4)]
     for begun in ((0,), (1, 2, 3)):  # pass follows pass: there is no word of an end between two of them
-        rows, said, at = np.concatenate([passes[one] for one in begun]), Said(), 0
+        said, at = Said(), 0
         for one in begun:
-            said[at + int(generator.integers(0, 40))] = [a_pass(one + 1)]
+            running_pass = now._replace(running=now.running._replace(repetition=one + 1))
+            said[at + int(generator.integers(0, 40))] = [running_pass]
             at += len(passes[one])
-        play(screens, [canvas], rows, said, generator)
-        assert np.array_equal(trail_of(canvas), way_of(passes[begun[-1]]))
-        assert pieces.furthest_px(canvas, passes[begun[-1]]) < WITHIN_PX
+        play(screens, [screens.main.page(TRY).canvas], [passes[one] for one in begun], said)
+
+
+def test_the_line_is_where_the_handle_was_within_two_pixels(qtbot) -> None:
+    plane = Plane(QRectF(-0.13, 0.36, 0.26, 0.09))
+    qtbot.addWidget(plane)
+    plane.resize(600, 300)
+    plane.show()
+    blank = pixels_of(plane)
+    way = way_of(whole(1, np.random.default_rng(3)))
+    for first, until in frames(way, np.random.default_rng(4)):
+        plane.extend_trail(way[first:until])
+        plane.grab()
+    painted = np.argwhere(pixels_of(plane) != blank)[:, ::-1] + 0.5
+    drawn = plane.pixels(way)
+    assert len(painted) > 300
+    assert max(cKDTree(painted).query(drawn)[0].max(), cKDTree(drawn).query(painted)[0].max()) < 2.0
+
+
+def pixels_of(plane: Plane) -> np.ndarray:
+    image = plane.grab().toImage().convertToFormat(QImage.Format.Format_RGB32)
+    return np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.width()).copy()

@@ -1,34 +1,31 @@
 """A recorded trial on the screen: any moment of it looks as if it had been played; a click goes where it was made."""
 
-import contextlib
-import io
 import re
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_ways import Pieces, frames
+from drawn_ways import frames, is_painted, trail_of, way_of
 from fake_ticks import ALONG, trial
+from own_files import put_code
 from protocols import short
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from recorded import record
-from screens import settle
 from sessions import closed_session, new_session
 
-from app.cli import main
+from app.window.analyse.trial_traces import TrialTraces
 from app.window.analyse.trial_view import SPEEDS, TrialView
 from app.window.analyse.trial_window import TrialWindow
-from app.window.widgets import theme
 from app.window.widgets.plots import start_of_hold
 from core import tick_log
 from core.device import load_device
 from core.files import InputError
 from core.mechanism import JOINTS
-from experiments.store.recording import read_recording
-from experiments.study.playback import read_playback, ticks_of
+from experiments.study.playback import read_playback
 
 THREE = load_device("three-brake")
 ABOUT = {
@@ -51,25 +48,13 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp("trial"), ROWS)
 
 
-@pytest.fixture
-def window(qtbot, recording: Path) -> TrialWindow:
+@pytest.fixture(scope="module")
+def view(recording: Path) -> Iterator[TrialView]:
+    """One for all tests."""
     window = TrialWindow(recording)
-    qtbot.addWidget(window)
     window.show()
-    return window
-
-
-@pytest.fixture
-def view(window: TrialWindow) -> TrialView:
-    return window.view
-
-
-def test_the_ticks_of_a_recording_are_those_that_were_recorded(tmp_path: Path) -> None:
-    rows = ROWS.copy()
-    rows[:, tick_log.STUCK] = np.arange(len(rows)) % 8  # three brakes
-    back = ticks_of(read_recording(recorded(tmp_path, rows)))
-    kept = [i for i in range(tick_log.WIDTH) if i not in (tick_log.CURRENT + 3, tick_log.TORQUE + 3)]
-    assert np.array_equal(back[:, kept], rows[:, kept], equal_nan=True)
+    yield window.view
+    window.close()
 
 
 def test_what_cannot_be_played_is_one_sentence(tmp_path: Path, recording: Path, qtbot) -> None:
@@ -137,41 +122,37 @@ def test_space_and_the_button_play_and_pause_it_stops_at_the_end_and_begins_anew
     view.play_or_pause()
 
 
-def test_it_paints_the_recording_however_its_frames_come_and_wherever_it_is_sent(view: TrialView, monkeypatch) -> None:
-    pieces, generator, shown = Pieces(monkeypatch), np.random.default_rng(3), view.workspace.view
+def test_it_shows_the_recording_however_its_frames_come_and_wherever_it_is_sent(view: TrialView) -> None:
+    generator, shown = np.random.default_rng(3), view.workspace.view
 
-    def off_px() -> float:
-        shown.grab()
-        return pieces.furthest_px(shown, ROWS[: view.tick + 1])
+    def is_shown() -> bool:
+        return np.array_equal(trail_of(shown), way_of(ROWS[: view.tick + 1])) and is_painted(shown)
 
-    assert view.tick == LAST, "all of its way is seen before it plays"
     view.go_to(0.0)
     for _, until in frames(ROWS, generator):
         view.go_on(float(T[until - 1]) - view.played_s + 1e-6)
         shown.grab()
-    assert view.tick == LAST and off_px() < 1.0
-    for at in generator.integers(len(ROWS) // 2, len(ROWS), 3):
+    assert view.tick == LAST and is_shown()
+    for at in generator.integers(len(ROWS) // 2, len(ROWS), 2):
         view.go_to(float(T[at]))
-        assert off_px() < 1.0 and shown.tip == tuple(ROWS[at, 2:4])
+        assert is_shown() and shown.tip == tuple(ROWS[at, 2:4])
         view.go_on(0.05)
-        assert off_px() < 1.0
-    view.trial.ticks[:, tick_log.CURRENT : tick_log.CURRENT + 3] = 0.0
-    view.trial.ticks[-150:, tick_log.CURRENT] = 1.0
-    view.go_to(T[-1])
-    states = {joint: doing.state for joint, doing in shown.doing.items()}
-    assert states["A"] != "off" and states["E"] == "off", "brakes do what they did at that moment"
+        assert is_shown()
 
 
-def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(view: TrialView) -> None:
+def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(qtbot) -> None:
     t, currents = 0.001 * np.arange(3000), np.zeros((4, 3000))
     currents[3] = np.nan  # C has no brake
     currents[0, ::4] = 0.8  # on in one tick of four
-    trace = view.traces.currents
+    traces = TrialTraces()
+    qtbot.addWidget(traces)
+    traces.show()
+    trace = traces.currents
+    trace.names = dict(zip(JOINTS, JOINTS, strict=True))
     trace.show_trial(t, currents)
     x, mean = trace.means[0].getData()
     assert len(x) <= trace.graph.width() and mean == pytest.approx(0.2, abs=0.07)
     assert set(trace.curves[0].getData()[1]) == {0.0, 0.8}, "from the lowest to the highest"
-    assert trace.curves[0].opts["pen"].color().alphaF() < 0.3 < trace.means[0].opts["pen"].color().alphaF()
     trace.show_cursor(1500)
     assert "A 0.80 on 2" in trace.figures.text()  # 25 % of the time, within a tick
     assert trace.figures.text().endswith("E 0.00 B 0.00")  # C has no brake
@@ -181,61 +162,24 @@ def test_a_current_that_chatters_is_a_band_about_its_mean_and_no_solid_block(vie
     assert "blind" in trace.figures.text() and not any(curve.isVisible() for curve in (*trace.curves, *trace.means))
 
 
-def test_the_currents_of_four_brakes_and_how_long_they_were_on_are_whole_at_1024_x_700(window, view) -> None:
-    window.resize(1024, 700)
-    settle(window)
-    trace = view.traces.currents
-    trace.names = dict(zip(JOINTS, JOINTS, strict=True))
-    trace.show_trial(0.001 * np.arange(3000), np.ones((4, 3000)))
-    trace.show_cursor(1500)
-    text = trace.figures.text()
-    assert text.count("1.00 on 100 %") == 4 and theme.text_width(text, theme.SMALL) < trace.figures.width()
-
-
-def in_this_process(arguments: tuple[str, ...], module: str, given: bytes) -> str:
-    """What a verb prints, in place of its own process, which the export has, too."""
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        assert main([*arguments]) == 0
-    return printed.getvalue()
-
-
-def test_the_same_hand_through_another_controller_stands_beside(qtbot, tmp_path: Path) -> None:
+def test_the_same_hand_through_another_controller_stands_beside_once_the_folders_code_may_run(qtbot, tmp_path) -> None:
     session = closed_session(tmp_path / "data", 1, protocol=short())
+    put_code(session.folder, "of a replay")
     window = TrialWindow(session.folder / session.rows[0].recording)
     qtbot.addWidget(window)
     window.show()
     view = window.view
-    view.replay._through = in_this_process
     other = 4 if session.rows[0].controller != 4 else 2  # with the low gain it would come out as without
-
-    def choose(index: int) -> None:
-        view.beside.setCurrentIndex(index)
-        view.beside.activated.emit(index)
-
-    choose(view.beside.findText(view.trial.controllers[other]))
+    for place in (0, 1):
+        view.beside.setCurrentIndex(view.beside.findText(view.trial.controllers[other]))
+        view.beside.activated.emit(view.beside.currentIndex())
+        assert "odd.py" in view.cards.question.text.text() and "simulated" not in view.note.text()
+        view.cards.question.buttons[place].click()
     assert "is being simulated" in view.note.text()
     qtbot.waitUntil(lambda: "compared" in view.measures.text(), timeout=120_000)
     assert "would feel the difference" in view.note.text()
     _, here, beside = (re.findall(r"([\d.]+) ", line) for line in view.measures.text().split("<tr>")[1:])
     assert len(here) == len(beside) == 4 and here[:3] != beside[:3]
     assert np.nanmax(view.traces.error.beside.getData()[1]) > 0.0
-    choose(0)
+    view.compare(0)
     assert "compared" not in view.measures.text() and not len(view.traces.error.beside.getData()[1] or [])
-
-
-def test_code_out_of_the_folder_is_asked_about_before_a_replay_runs_it(view: TrialView, monkeypatch) -> None:
-    asked, allowed, run = {"odd.py (SHA-256 123)": "text"}, [], []
-    monkeypatch.setattr("app.window.widgets.own_code.unallowed_code", lambda folder: asked)
-    monkeypatch.setattr("app.window.widgets.own_code.allow_code", allowed.extend)
-    monkeypatch.setattr(view.replay, "begin", lambda *arguments: run.append(arguments[0]))
-    view.compare(2)
-    no, _ = view.cards.question.buttons
-    assert "odd.py" in view.cards.question.text.text() and not run
-    no.click()
-    assert not run and not allowed and view.cards.question is None
-    view.compare(2)
-    view.cards.question.buttons[1].click()
-    assert run == ["replay"] and allowed == ["text"]
-    asked.clear()
-    view.compare(2)
-    assert run == ["replay", "replay"] and view.cards.question is None
