@@ -26,22 +26,15 @@ STEPS, OUT_OF_SIGHT = 90, (0.5, 0.1)  # m
 class Anything:
     """Does to a view what the pages do to it, in any order."""
 
-    def __init__(self, view: Plane, seed: int) -> None:
-        self.view, self.random = view, np.random.default_rng(seed)
+    def __init__(self, view: Plane) -> None:
+        self.view, self.random = view, np.random.default_rng(1)
         self.rows, self.at = movement(1, "AEB", 1.0), 0
-        own = OF_PARTICIPANT if isinstance(view, ParticipantView) else OF_FORCES
-        own = own | (OF_LINKAGES if isinstance(view, LinkageView) else OF_PASSES if isinstance(view, PassView) else {})
-        self.happen = [*EVERY.items(), *3 * list(own.items())]
+        own = [happens for kind, happens in OWN if isinstance(view, kind)]
+        self.happen = [*EVERY, *(each for happens in own for each in 3 * happens)]
         view.show()
         if isinstance(view, LinkageView):
             view.show_places(DEVICES, PATHS)
         self.show_trial()
-
-    def step(self) -> str:
-        """One of the things that happen; its name."""
-        name, do = self.any(*self.happen)
-        do(self, self.view)
-        return name
 
     def any(self, *among):
         return among[self.random.integers(len(among))]
@@ -57,20 +50,17 @@ class Anything:
             self.view.show_path(PATHS[path])
             self.view.show_handle(tip)
 
-    def next_rows(self) -> np.ndarray:
+    def ticks(self) -> None:
         begin, self.at = self.at, self.at + self.any(1, 16, 90)
         if begin >= len(self.rows):
             begin, self.at = 0, 16
-        return self.rows[begin : self.at]
-
-    def add(self) -> None:
-        rows = self.next_rows()
-        self.view.add(rows, self.any(None, False, True), self.any(0, len(rows) - 1))
-
-    def follow(self) -> None:
-        rows = self.next_rows()
-        self.view.extend_trail(way_of(rows))
-        self.view.show_handle(tuple(rows[-1, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist()), self.any(True, False), 9.0)
+        rows = self.rows[begin : self.at]
+        if isinstance(self.view, ForceView):
+            self.view.add(rows, self.any(None, False, True), self.any(0, len(rows) - 1))
+        else:
+            self.view.extend_trail(way_of(rows))
+            tip = tuple(rows[-1, tick_log.TIP_X : tick_log.TIP_Y + 1].tolist())
+            self.view.show_handle(tip, self.any(True, False), 9.0)
 
     def show_layer(self) -> None:
         layer = self.any(*(LAYERS if isinstance(self.view, LinkageView) else pass_view.LAYERS))
@@ -78,36 +68,35 @@ class Anything:
 
 
 WALL = ObstacleFile(polygon_m=((0.0, 0.37), (0.02, 0.37), (0.01, 0.39)))
-#: What happens to any view; to those of forces, of linkages, of passes, of the participant.
-EVERY = {
-    "resized": lambda a, view: view.resize(*a.any((420, 300), (500, 340), (360, 400))),
-    "hidden": lambda a, view: view.setVisible(view.isHidden()),
-    "shown": lambda a, view: view.show(),
-    "shown again": lambda a, view: view.show(),
-    "pointed at": lambda a, view: point(view, QPointF(a.random.integers(-20, 440), a.random.integers(-20, 320))),
-    "zoomed": lambda a, view: view.set_extent(a.any(QRectF(-0.2, 0.2, 0.4, 0.3), QRectF(-0.1, 0.3, 0.25, 0.2))),
-    "obstacles": lambda a, view: view.show_obstacles(a.any((), (WALL,))),
-    "another way": lambda a, view: view.show_beside(a.any(np.empty((0, 2)), way_of(a.rows)), theme.COLOURS.caution),
-    "trail cleared": lambda a, view: view.clear_trail(),
-    "trial": lambda a, view: a.show_trial(),
-    "pointer followed": lambda a, view: view.follow_pointer(),
-}
-OF_FORCES = {
-    "ticks": lambda a, view: a.add(),
-    "rest": lambda a, view: view.rest(a.any(TIP, OUT_OF_SIGHT)),
-    "begun": lambda a, view: view.begin(),
-    "text": lambda a, view: view.refresh_text(),
-    "layer": lambda a, view: a.show_layer(),
-    "blind": lambda a, view: view.set_blind(not view.blind),
-}
-OF_LINKAGES = {"line": lambda a, view: view.show_line(a.any("", "Participant reads: Go"))}
-OF_PASSES = {"gap": lambda a, view: view.show_gap(a.any(0.0, 0.005))}
-OF_PARTICIPANT = {
-    "ticks": lambda a, view: a.follow(),
-    "words": lambda a, view: view.write(Shown(a.any("Go", "Hold"), a.any("", "Follow the line"))),
-    "hold": lambda a, view: view.show_hold(a.any(0.0, 0.4, 1.0)),
-    "linkage": lambda a, view: view.show_linkage(a.any(None, *DEVICES)),
-}
+EVERY = (
+    lambda a, view: view.resize(*a.any((420, 300), (500, 340), (360, 400))),
+    lambda a, view: view.setVisible(view.isHidden()),
+    lambda a, view: view.show(),
+    lambda a, view: view.show(),
+    lambda a, view: point(view, QPointF(a.random.integers(-20, 440), a.random.integers(-20, 320))),
+    lambda a, view: view.set_extent(a.any(QRectF(-0.2, 0.2, 0.4, 0.3), QRectF(-0.1, 0.3, 0.25, 0.2))),
+    lambda a, view: view.show_obstacles(a.any((), (WALL,))),
+    lambda a, view: view.show_beside(a.any(np.empty((0, 2)), way_of(a.rows)), theme.COLOURS.caution),
+    lambda a, view: view.clear_trail(),
+    lambda a, view: a.show_trial(),
+    lambda a, view: view.follow_pointer(),
+)
+#: views -> what happens to these alone, three times as often
+OWN = (
+    (Plane, [lambda a, view: a.ticks()]),
+    (ForceView, [
+        lambda a, view: view.rest(a.any(TIP, OUT_OF_SIGHT)), lambda a, view: view.begin(),
+        lambda a, view: view.refresh_text(), lambda a, view: a.show_layer(),
+        lambda a, view: view.set_blind(not view.blind),
+    ]),
+    (LinkageView, [lambda a, view: view.show_line(a.any("", "Participant reads: Go"))]),
+    (PassView, [lambda a, view: view.show_gap(a.any(0.0, 0.005))]),
+    (ParticipantView, [
+        lambda a, view: view.write(Shown(a.any("Go", "Hold"), a.any("", "Follow the line"))),
+        lambda a, view: view.show_hold(a.any(0.0, 0.4, 1.0)),
+        lambda a, view: view.show_linkage(a.any(None, *DEVICES)),
+    ]),
+)  # fmt: skip
 
 
 def pixels(image: QImage) -> np.ndarray:
@@ -137,10 +126,9 @@ def test_after_anything_the_screen_shows_what_a_whole_repaint_shows(qtbot, kind:
     qtbot.addWidget(view)
     view.setMinimumSize(1, 1)
     view.resize(420, 300)
-    happens, done = Anything(view, seed=1), []
-    for _ in range(STEPS):
-        done.append(happens.step())
+    happens = Anything(view)
+    for step in range(STEPS):
+        happens.any(*happens.happen)(happens, view)
         if view.isVisible() and happens.random.random() < 0.5:
-            shown = on_screen(view)
-            apart = np.abs(shown - painted_anew(view)).max(axis=2)
-            assert not apart.any(), (done[-6:], int(apart.max()), np.argwhere(apart)[[0, -1]].tolist())
+            apart = np.abs(on_screen(view) - painted_anew(view)).max(axis=2)
+            assert not apart.any(), (step, int(apart.max()), np.argwhere(apart)[[0, -1]].tolist())

@@ -1,12 +1,14 @@
 """Try on the server's side: passes, changes in the middle of one, the table; in simulated time."""
 
 import contextlib
+import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import simulated_loop
 from own_files import own_experiment
 from protocols import PAPER
 from simulated_loop import LocalWindow, local_window
@@ -16,9 +18,8 @@ from app.ipc import messages as m
 from app.ipc.messages import Setup
 from app.loop.real_time import HOMEWARD_M_S
 from core import tick_log
-from core.control.algorithm import LOCK_OBSTACLE
+from core.tick_log import TICK_S
 from experiments.inputs import OPERATOR
-from experiments.protocol import SHIPPED_FOLDER, load_protocol
 
 
 @contextlib.contextmanager
@@ -300,52 +301,80 @@ def test_settings_that_cannot_be_are_refused_and_nothing_changes(window: LocalWi
         assert window.snapshot.sandbox.settings == before
 
 
-SLAVE = """
-[[controller]]
-name = "Force of the slave"
-kind = "reflect"
-
-[slave]
-wall_at_m = [0.0, 0.405]
-wall_normal = [0.0, -1.0]
-"""
+OWN = '[[controller]]\nname = "Damper"\nalgorithm = "my_damper.py"\nparameters = {damping_N_s_m = 900.0}\n'
 
 
-OWN = """
-[[controller]]
-name = "Damper"
-algorithm = "my_damper.py"
-parameters = {damping_N_s_m = 900.0}
-"""
-
-
-@pytest.mark.parametrize("added", [SLAVE, OWN])
-def test_a_slave_and_a_controller_of_ones_own_can_be_tried(tmp_path, added) -> None:
-    own_experiment(tmp_path)
-    (tmp_path / "own.toml").write_text(load_protocol("paper").text + added)
-    with trying(Setup(tmp_path / "data", str(tmp_path / "own.toml"), ("three-brake",), sync=False)) as opened:
-        change(opened, controller=6, parameters={"gap_m": 0.002})
-        drive(opened, lambda s, _: s.sandbox.passes)
-        one = opened.snapshot.sandbox.passes[0]
+def test_a_controller_of_ones_own_can_be_tried(tmp_path: Path) -> None:
+    own = own_experiment(tmp_path, f"{PAPER.text}\n{OWN}")
+    with trying(Setup(tmp_path / "data", str(own), ("three-brake",), sync=False)) as window:
+        change(window, controller=6, parameters={"gap_m": 0.002})
+        drive(window, lambda s, _: s.sandbox.passes)
+        one = window.snapshot.sandbox.passes[0]
         assert one.status == "done" and one.settings.controller == 6 and one.measures["path_error_m"] < 0.01
 
 
-@pytest.mark.parametrize("guarded", [True, False])
-def test_a_pointer_that_pulls_the_handle_at_an_obstacle_gets_in_only_where_no_guard_locks(tmp_path, guarded) -> None:
-    """The shipped protocol `obstacles`, without control, a wall 10 cm behind the path and a pull of at most 9 N."""
-    text = (SHIPPED_FOLDER / "obstacles.toml").read_text() + "\n[mouse]\nforce_max_N = 9.0\n"
-    if not guarded:
-        text = text[: text.index("[guard]")] + text[text.index("[[path]]") :]
-    file = tmp_path / "obstacles.toml"
-    file.write_text(text)
-    with trying(Setup(tmp_path / "data", protocol=str(file), sync=False)) as window:
-        change(window, controller=1)
-        drive(window, moves(20))
-        while not len(window.rows) or np.count_nonzero(window.rows[:, tick_log.PHASE] == tick_log.MOVE) < 2500:
-            window.client.ring.aim(-0.1, 0.7)  # far behind the wall at y = 0.5 m
+class SwingingHand:
+    """A pointer that someone moves to try a guide: to the start, then along path 1 and 1 cm to either side of it."""
+
+    start, length = np.array((-0.10, 0.40)), 0.20
+
+    def __init__(self, tip: np.ndarray) -> None:
+        self.way, self.at = 0.0, np.array(tip)
+
+    def next(self, tip: np.ndarray, phase: int, seconds: float) -> np.ndarray:
+        """Where the pointer is so much later, m."""
+        if phase == tick_log.APPROACH:
+            left = self.start - self.at
+            far = float(np.hypot(*left))
+            self.at = self.at + left * min(1.0, 0.08 * seconds / max(far, 1e-9))
+            if far < 0.004:  # it goes beyond the start while the handle is short of it
+                self.at = self.at + 4.0 * seconds * (self.start - tip)
+        elif phase != tick_log.HOLD:
+            self.way += 0.08 * seconds
+            aside = 0.01 * math.sin(4.0 * math.pi * min(1.0, self.way / self.length))
+            self.at = self.start + (self.way, aside)
+        return self.at
+
+
+def felt(setup: Setup, controller: int, passes: int) -> list[np.ndarray]:
+    """The forces of the swinging hand (ticks, 2), N, during the movement of one pass after the other."""
+    with trying(setup) as window:
+        change(window, controller=controller, parameters=window.opened.protocol.controllers[controller].named)
+        hand, number = None, 0
+        while len(window.snapshot.sandbox.passes) < passes:
             window.look()
-        pulled = window.rows[window.rows[:, tick_log.PHASE] == tick_log.MOVE]
-    nearest = pulled[:, tick_log.OBSTACLE_DISTANCE].min()
-    assert (nearest > 0.0) == guarded and nearest < 0.05
-    assert np.any(pulled[:, tick_log.DECISION] == LOCK_OBSTACLE) == guarded
-    assert pulled[:, tick_log.HAND_FY].max() == pytest.approx(9.0, abs=0.5)
+            rows, running = window.ticks[-1], window.snapshot.running
+            if not len(rows) or running is None:
+                continue
+            tip, phase = rows[-1, tick_log.TIP_X : tick_log.TIP_Y + 1], int(rows[-1, tick_log.PHASE])
+            if hand is None or running.repetition != number or not window.client.taken:
+                hand, number = SwingingHand(tip), running.repetition
+            window.client.ring.aim(*hand.next(tip, phase, TICK_S * len(rows)))
+        moving = np.flatnonzero(window.rows[:, tick_log.PHASE] == tick_log.MOVE)
+        split = np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1)[:passes]
+        return [window.rows[one, tick_log.HAND_FX : tick_log.HAND_FY + 1] for one in split]
+
+
+def apart_N(one: np.ndarray, other: np.ndarray) -> float:
+    """How far the forces of two passes lie apart at the same time, root mean square, N."""
+    ticks = min(len(one), len(other))
+    return float(np.sqrt(np.mean(np.sum((one[:ticks] - other[:ticks]) ** 2, axis=1))))
+
+
+@pytest.mark.parametrize(("device", "passes"), [("three-brake", 2), ("four-brake", 1)])
+def test_each_of_the_five_is_felt_from_every_other_by_more_than_the_same_one_from_pass_to_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str, passes: int
+) -> None:
+    monkeypatch.setattr(simulated_loop, "PIECE", 20)  # ms: the pointer moves 50 times a second
+    found = {number: felt(Setup(tmp_path / f"{number}", devices=(device,)), number, passes) for number in range(1, 6)}
+    repeats = [apart_N(*own) for own in found.values() if len(own) == 2]
+    pairs = {
+        (a, b): min(apart_N(one, other) for one in found[a] for other in found[b])
+        for a, b in itertools.combinations(found, 2)
+    }
+    assert min(pairs.values()) > max(0.5, *repeats, 0.0), (pairs, repeats)
+
+
+def test_with_the_low_gain_as_printed_nothing_is_felt_of_it(tmp_path: Path) -> None:
+    (none,), (low,) = (felt(Setup(tmp_path / f"{number}", low_gain=5.0), number, 1) for number in (1, 5))
+    assert apart_N(none, low) == 0.0
