@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 from dataclasses import replace
 
+import conclusions
 import pytest
 from protocols import PAPER, short
 from sessions import crash_in_trial, files, new_session, of, run_trials
@@ -130,9 +131,10 @@ def test_unblinded_every_table_names_the_controllers_and_has_all_measures(data, 
     assert [replace(row, recording="") for row in by_analysis] == [replace(row, recording="") for row in table]
 
 
-def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, concluded, tmp_path, capsys):
+def test_analysis_stays_coded_names_no_controller_and_refuses_findings(data, tmp_path, capsys):
     before = files(data)
-    assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--json"]) == 0
+    with conclusions.drawn():
+        assert main(["analyze", str(data), "--out", str(tmp_path / "out"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["coded"] == 6 and files(data) == before
     table, again = read_rows(data / "trials.csv"), read_rows(tmp_path / "out" / "trials.csv")
     assert [replace(row, recording="") for row in again] == [replace(row, recording="") for row in table]

@@ -21,6 +21,7 @@ SOURCES = {
 }  # fmt: skip
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
+IMPORT = re.compile(r"(?m)^ *(?:from|import) (\w+)")
 INSTALLED = {distribution.name.lower() for distribution in importlib.metadata.distributions()}
 
 
@@ -60,10 +61,7 @@ def test_every_library_that_the_program_imports_is_one_that_it_asks_for():
     imported: dict[str, Path] = {}
     for file in (*SOURCES, Path("phd.py")):
         if file.suffix == ".py":
-            for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
-                names = [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
-                names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                imported |= {name.partition(".")[0]: file for name in names}
+            imported |= dict.fromkeys(IMPORT.findall((ROOT / file).read_text(encoding="utf-8")), file)
     others = imported.keys() - sys.stdlib_module_names - {*PACKAGES, "phd"}
     missing = {name: imported[name] for name in others if name in known and asked.isdisjoint(map(named, known[name]))}
     assert missing == {} and {"numpy", "numba", "PySide6"} <= others

@@ -96,6 +96,7 @@ def test_a_session_on_the_bench_through_faults_to_its_end(session: BoardSession,
 
     # the session server killed: the loop is alone, sees it, ends its trial and says good-bye
     run, processes = session.begin(), window.processes()
+    window.until(lambda s: s.stage != m.RUNNING or window.pulse.proof.rows)
     kill(window.client.pid)
     wait_until(lambda: all(map(gone, processes)))
     assert read_recording(session.folder / "trials" / f"run-{run:03}.parquet").rows, "what was recorded is there"

@@ -54,16 +54,6 @@ def until_current(opened: Window) -> None:
     opened.until_tick(lambda rows: rows[:, CURRENTS].any())
 
 
-def resume(opened: Window, setup: Setup) -> m.Snapshot:
-    """A new bench in place of one that is gone, and its session."""
-    opened.client.leave()
-    opened.join(setup)
-    opened.until_stage(m.NO_SESSION)
-    assert unfinished(setup.data_dir) == ("01",)
-    opened.client.send(m.Open("01", resume=True))
-    return opened.until_stage(m.READY)
-
-
 def test_a_loop_that_is_lost_is_seen_its_trial_recovered_and_run_again(opened: Window, setup: Setup) -> None:
     first = opened.opened.plan[0]
     for run, again, how in ((1, 61, kill), (61, 62, suspend)):
@@ -92,25 +82,53 @@ def test_a_session_server_that_is_killed_leaves_no_current_no_process_and_a_tria
     opened.look()
     assert not opened.client.alive
     assert opened.rows[-1, tick_log.PHASE] == tick_log.END and not opened.rows[-1, CURRENTS].any()
-    snapshot = resume(opened, setup)
-    assert (snapshot.rows[-1].run, snapshot.rows[-1].status) == (run, "recovered")
+    session = Session.resume(setup.data_dir, "01", sync=False)
+    assert (session.rows[-1].run, session.rows[-1].status) == (run, "recovered")
     assert read_recording(trial(setup, run)).rows >= acknowledged, "rows that were said to be in the file are lost"
-    assert cell(snapshot.coming) == cell(snapshot.rows[-1])
+    assert cell(session.next_planned()) == cell(session.rows[-1])
+    session.close()
     assert verify(setup.data_dir)["faults"] == []
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it: there is no SIGTERM")
-def test_a_session_server_that_is_told_to_end_keeps_its_trial_which_comes_again(opened: Window, setup: Setup) -> None:
+@pytest.fixture
+def disk(tmp_path: Path, setup: Setup, monkeypatch: pytest.MonkeyPatch) -> RecordedDisk:
+    """Of the programs that are started from now on; what it refuses goes to tmp_path / "own"."""
+    disk = RecordedDisk(tmp_path)
+    about = {"DISK_ROOT": setup.data_dir, "DISK_LOG": disk.log, "DISK_TOLD": disk.told, "LD_PRELOAD": disk.library}
+    for name, value in (about | {"XDG_DATA_HOME": tmp_path / "own"}).items():
+        monkeypatch.setenv(name, str(value))
+    return disk
+
+
+def test_ticks_that_are_in_memory_alone_as_the_server_is_told_to_end_are_said_and_come_back(
+    opened: Window, setup: Setup, disk: RecordedDisk, tmp_path: Path
+) -> None:
+    """The process itself, with SIGTERM: the next opening has every tick."""
+    opened.client.leave()
+    opened.join(setup)  # a new bench in place of the one that is gone
+    opened.until_stage(m.NO_SESSION)
+    assert unfinished(setup.data_dir) == ("01",)
+    opened.client.send(m.Open("01", resume=True))
     run = opened.start().running.run
-    pids = opened.processes()
+    opened.until_tick(lambda rows: len(rows) > 300)
+    disk.told.write_text("write session.db")
+    opened.until(lambda s: s.in_memory)
+    opened.until_tick(lambda rows: len(rows) > 1300)
+    seen, pids = len(opened.rows), opened.processes()
     kill(opened.client.pid, signal.SIGTERM)
     wait_until(lambda: all(map(gone, pids)))
-    kept = read_recording(trial(setup, run))
-    assert kept.whole and kept.outcome["status"] == "stopped"
-    assert kept.outcome["reason"] == "the session server was ended by the system"
+    (log,) = (setup.data_dir / LOG).read_text().splitlines()
+    (setup.data_dir / LOG).unlink()
+    ticks = int(re.search(r"([\d,]+) ticks", log)[1].replace(",", ""))
+    assert ticks >= seen - 1000 and str(tmp_path / "own") in log
+    disk.told.unlink()
     session = Session.resume(setup.data_dir, "01", sync=False)
-    assert session.rows[-1].status == "stopped" and cell(session.next_planned()) == cell(session.rows[-1])
+    assert f"{ticks:,} ticks that the disk had refused are in the session now" in session.repaired.sentence()
+    assert cell(session.next_planned()) == cell(session.rows[-1])
     session.close()
+    kept = read_recording(trial(setup, run))
+    assert kept.whole and kept.rows >= seen - 1
+    assert verify(setup.data_dir)["faults"] == []
 
 
 #: a window in a process of its own: it starts a trial and says whose server and run that is
@@ -150,36 +168,3 @@ def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_g
     assert kept.whole and kept.outcome["status"] in ("done", "timeout") and kept.outcome["timing"]["lost"] == 0
     entries = read_events(setup.data_dir / "sub-01" / "ses-01")
     assert [entry.event for entry in entries[-2:]] == [WINDOW_LOST, ENDED]
-
-
-def test_ticks_that_are_in_memory_alone_as_the_server_is_asked_to_end_are_said_and_come_back(tmp_path, monkeypatch):
-    """The process itself, with SIGTERM: the next opening has every tick."""
-    disk = RecordedDisk(tmp_path)
-    endless = changed(PAPER.text, end_radius_m="1e-6", time_out_s="1000.0")
-    (tmp_path / "endless.toml").write_text(endless, encoding="utf-8")
-    about = {"DISK_ROOT": disk.root, "DISK_LOG": disk.log, "DISK_TOLD": disk.told, "LD_PRELOAD": disk.library}
-    for name, value in about.items():
-        monkeypatch.setenv(name, str(value))
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "own"))
-    setup = Setup(disk.root / "data", str(tmp_path / "endless.toml"), hand="operator", seed=5, real_time=False)
-    with live_window(setup) as opened:
-        opened.open()
-        number = opened.start().running.run
-        opened.until_tick(lambda rows: len(rows) > 500)
-        disk.told.write_text("write session.db")
-        opened.until(lambda s: s.in_memory)
-        opened.until_tick(lambda rows: len(rows) > 1500)
-        seen, pids = len(opened.rows), opened.processes()
-        kill(opened.client.pid, signal.SIGTERM)
-        wait_until(lambda: all(map(gone, pids)))
-        (log,) = (setup.data_dir / LOG).read_text().splitlines()
-        (setup.data_dir / LOG).unlink()
-        ticks = int(re.search(r"([\d,]+) ticks", log)[1].replace(",", ""))
-        assert ticks >= seen - 1000 and str(tmp_path / "own") in log
-        disk.told.unlink()
-        resumed = Session.resume(setup.data_dir, "01", sync=False)
-        assert f"{ticks:,} ticks that the disk had refused are in the session now" in resumed.repaired.sentence()
-        resumed.close()
-        kept = read_recording(trial(setup, number))
-        assert kept.whole and kept.rows >= seen - 1
-    assert verify(setup.data_dir)["faults"] == []

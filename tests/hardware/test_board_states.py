@@ -26,7 +26,6 @@ from hardware.wire.messages import (
 SPECIFICATION = (Path(__file__).resolve().parents[2] / "docs" / "protocol.md").read_text()
 PAIRS = [(state, event) for state in State for event in BoardEvent]
 SEEN = [pair for pair in PAIRS if pair not in UNSEEN]
-UNWATCHED = [pair for pair in PAIRS if pair in UNSEEN]
 
 
 def in_state(state: State, event: BoardEvent | None = None, kind: type[Board] = Board) -> SimulatedBoard:
@@ -88,20 +87,6 @@ def test_each_event_in_each_state_does_what_the_table_says(state: State, event: 
         assert answers == []
     if bench.state != State.ACTIVE:
         assert bench.board.currents == (0, 0, 0, 0)
-
-
-@pytest.mark.parametrize(("state", "event"), UNWATCHED, ids=[f"{s.name}-{e.name}" for s, e in UNWATCHED])
-def test_what_a_state_does_not_watch_for_is_never_met_there(state: State, event: BoardEvent) -> None:
-    """The rest of the table: what would be the event elsewhere is brought about, and for long."""
-    bench = in_state(state)
-    bench.board.seen.clear()
-    happen(bench, event)
-    assert (state, event) not in bench.board.seen
-    if (state, event) != (State.ACTIVE, BoardEvent.SILENCE):  # there the watchdog comes first
-        assert bench.state == (State.IDLE if (state, event) == (State.BOOT, BoardEvent.SILENCE) else state)
-    if state in (State.IDLE, State.FAULT):
-        bench.tick(3000, encoder_good=(False,) * 4)
-        assert bench.state == state and not UNSEEN & set(bench.board.seen)
 
 
 def test_the_table_covers_every_pair_and_the_specification_holds_it() -> None:

@@ -1,25 +1,16 @@
 """The template of docs/bench.md: with its bus filled in, it senses, stops and runs a trial."""
 
 import math
-import pickle
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
-from protocols import PAPER
-from real_bench import PATH, TIP, Late, drawn
+from real_bench import TIP
 
-from app.emulated_operator import EmulatedOperator
-from core import tick_log
 from core.device import load_device
 from core.device_interface import DeviceError, RealDevice
 from core.faults import cause
 from core.files import InputError
-from core.path import build_path
-from experiments.plan import PlannedTrial
-from experiments.trial.real_trial import RealTrial
-from experiments.trial.trial import Conditions
 from hardware.emulated_board.device import EmulatedDevice, EmulatedHand, HeldHand, hello_of
 from hardware.own_driver import load_driver
 from hardware.serial_device import device_at
@@ -86,32 +77,6 @@ def test_a_stop_and_a_host_that_falls_silent_take_the_currents_off_the_template(
         bus.tick()
     assert bus.fault is Fault.WATCHDOG and not any(bus.currents)
     assert device.exchange(wanted).fault and not any(bus.currents)
-
-
-def test_the_template_runs_a_trial_of_the_paper() -> None:
-    person, generator = drawn(3)
-    operator = EmulatedOperator(person, build_path(PATH, "path"), TIP, generator)
-    operator.go_on = lambda x, y: None  # it goes by the phases of the trial alone
-    hand = Late(operator)
-    device, _ = own_device(hand)
-    device.exchange([0.0] * 4)
-    device.home(TIP)
-    device.zero()
-    hand.begun = True
-    trial = RealTrial(
-        DEVICE, PlannedTrial(1, 1, DEVICE.name, 1, 1, 1), Conditions(PATH, PAPER.controllers[1], PAPER.rules)
-    )
-    trial.connect(device)
-    rows: list[np.ndarray] = []
-    while not trial.finished:
-        assert len(rows) < 60_000
-        phase = tick_log.PHASES.index(trial.phase)
-        if phase != operator.phase:
-            operator.enter(phase)
-        rows += trial.exchange()
-    assert trial.outcome()["status"] == "done"
-    trial.leave()
-    pickle.dumps(trial)
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,11 @@ def error_bars() -> contextlib.AbstractContextManager[None]:
     return _concluding(_leave_files, simulation_errors, gap=True)
 
 
+def drawn() -> contextlib.AbstractContextManager[None]:
+    """Box plots are drawn, reports have no error bars."""
+    return _concluding(draw_boxplots, lambda *_: [])
+
+
 def whole() -> contextlib.AbstractContextManager[None]:
     """Box plots, error bars and the gap read the other way, as people get them."""
     return _concluding(draw_boxplots, simulation_errors, gap=True)

@@ -92,8 +92,8 @@ class BoardSession:
         wait_until(still)
 
     def begin(self) -> int:
-        """A trial; its run. It is in its movement now and stays there, for the operator turns round half-way, again and
-        again, and currents flow.
+        """Start a trial; its run. It is in its movement and stays there: the operator goes astray again and again, and
+        currents flow.
         """
         window = self.window
         for _ in range(MOST_TRIES):
@@ -103,7 +103,7 @@ class BoardSession:
                 window.client.send(m.Skip("the brakes may never act"))
                 window.until(lambda s, before=coming: s.coming != before)
             path = window.opened.protocol.paths[window.snapshot.coming.path]
-            self.emulated.order(path=msgspec.to_builtins(half(path)))
+            self.emulated.order(path=msgspec.to_builtins(astray(path)))
             window.ticks.clear()
             before = window.snapshot.notice
             window.client.send(m.Start())
@@ -145,10 +145,10 @@ class BoardSession:
         raise AssertionError(f"{self.window.snapshot.notice} and never {says}")
 
 
-def half(path: Segment) -> Segment:
-    """To the middle of a path."""
-    middle = [0.5 * (a + b) for a, b in zip(path.start_m, path.end_m, strict=True)]
-    return Segment(path.start_m, (middle[0], middle[1]))
+def astray(path: Segment) -> Segment:
+    """To 60 mm beside the middle of a path: the brakes act soon."""
+    x, y = (0.5 * (a + b) for a, b in zip(path.start_m, path.end_m, strict=True))
+    return Segment(path.start_m, (x, y - 0.06))
 
 
 @contextlib.contextmanager
@@ -158,7 +158,7 @@ def board_session(folder: Path, link: str = "{port}", *arguments: str) -> Iterat
     link: as Setup takes it; arguments: more of `phd emulate`.
     """
     protocol = folder / "patient.toml"
-    protocol.write_text(changed(PAPER.text, time_out_s="200.0"), encoding="utf-8")
+    protocol.write_text(changed(PAPER.text, time_out_s="200.0", hold_s="0.0", start_radius_m="0.04"), encoding="utf-8")
     emulated = Emulated(folder, "--device", DEVICE, "--hand", "operator", "--seed", "3", *arguments)
     try:
         where = link.format(port=emulated.port)
