@@ -151,7 +151,7 @@ while True:
 
 
 def test_a_window_that_is_killed_changes_nothing_in_its_trial_and_the_next_one_goes_on(tmp_path: Path) -> None:
-    (tmp_path / "quick.toml").write_text(changed(PAPER.text, hold_s="0.1"), encoding="utf-8")
+    (tmp_path / "quick.toml").write_text(changed(PAPER.text, hold_s="0.0", start_radius_m="0.04"), encoding="utf-8")
     setup = Setup(tmp_path / "data", str(tmp_path / "quick.toml"), hand="operator", seed=5, real_time=False)
     support = Path(__file__).resolve().parents[1] / "support"
     environment = {**os.environ, "PYTHONPATH": str(support.parents[1])}

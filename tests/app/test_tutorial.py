@@ -39,8 +39,10 @@ def run_session(words: list[str]) -> None:
 
 
 def in_short(protocol: Path) -> str:
-    """The same experiment without repetitions."""
+    """The same experiment on one path, without repetitions."""
     text = re.sub(r"(?m)^(blocks|repetitions) = \d+", r"\1 = 1", protocol.read_text(encoding="utf-8"))
+    before, *paths = re.split(r"(?m)^(?=\[\[path\]\])", text)
+    text = before + paths[0] + paths[-1][paths[-1].index("\n[") + 1 :]
     Path("short.toml").write_text(text, encoding="utf-8")
     return "short.toml"
 
