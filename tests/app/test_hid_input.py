@@ -11,11 +11,11 @@ from waiting import wait_until
 from app.ipc import messages as m
 from app.ipc.ring import Ring
 from app.loop.real_time import take_aim
-from app.session_server.device_setup import SimulatedSetup, person_at
+from app.session_server.device_setup import SimulatedSetup
 from core import tick_log
 from core.simulator.hand import grip_force
 from core.simulator.simulated_device import SimulatedDevice
-from experiments.inputs import HID, INPUTS, OPERATOR
+from experiments.inputs import HID
 from hardware.hid import WORD, HidHand
 
 
@@ -71,11 +71,3 @@ def test_closing_leaves_no_force_behind() -> None:
     wait_until(lambda: ring.control.push_count and newest(ring) == (20.0, 0.0))
     setup.close()
     assert newest(ring) == (0.0, 0.0)
-
-
-def test_only_the_simulated_operator_moves_a_handle_as_one(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
-    machine = INPUTS[HID]._replace(name="machine", person=False)
-    monkeypatch.setitem(INPUTS, machine.name, machine)
-    assert person_at(m.Setup(tmp_path, hand=OPERATOR), PAPER, "01") is not None
-    for hand in (HID, machine.name):  # a hand that is no person is moved by what pushes it
-        assert person_at(m.Setup(tmp_path, hand=hand), PAPER, "01") is None

@@ -7,7 +7,7 @@ from hid_bus import NAVIGATOR, Bus
 from waiting import wait_until
 
 from core.files import InputError
-from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode, layouts
+from hardware.hid import AXES, BIAS_S, FORCE_FULL_N, SILENT_S, HidHand, attached, decode
 
 COMPACT = {**NAVIGATOR, "product_id": 0xC635, "vendor_id": 0x256F, "product_string": "SpaceMouse Compact"}
 WIRELESS = {**NAVIGATOR, "product_id": 0xC62E, "vendor_id": 0x256F, "product_string": "SpaceMouse Wireless"}
@@ -33,14 +33,6 @@ def test_recorded_reports_give_their_axes_and_leave_the_others_alone(entry, repo
     counts = dict.fromkeys(AXES, 77)
     assert decode(attached([entry])[0].layout, bytes.fromhex(report), counts) == bool(axes)
     assert counts == dict.fromkeys(AXES, 77) | axes
-
-
-def test_no_device_stands_in_two_layouts_and_every_layout_carries_all_axes():
-    names = [name for one in layouts().layout for name in one.devices]
-    assert len(names) == len(set(names)) == 12
-    for one in layouts().layout:
-        assert set(one.axes) == set(AXES)
-        assert all(byte + 3 <= one.length[str(report)] for report, byte in one.axes.values())
 
 
 def test_a_keyboard_or_an_unknown_device_is_not_taken_for_a_hand():

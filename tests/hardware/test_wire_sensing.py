@@ -60,14 +60,6 @@ def test_four_encoders_that_disagree_do_not_close() -> None:
     assert not found.pose(stuck).closed
 
 
-@pytest.mark.parametrize("speed", [(0.1, -0.05), (0.0, 0.0), (-2.0, 1.0)])
-def test_steady_motion_has_its_velocity_and_no_acceleration(speed: tuple[float, float]) -> None:
-    motion = MotionFilter()
-    for k in range(40):
-        velocity, acceleration = motion.add(5.0 + 1e-3 * k, 0.1 + speed[0] * 1e-3 * k, 0.3 + speed[1] * 1e-3 * k)
-    assert np.allclose(velocity, speed, atol=1e-9) and np.allclose(acceleration, 0.0, atol=1e-6)
-
-
 @pytest.mark.parametrize("lost", [(), (31,), (28, 29, 33, 36)])
 def test_velocity_is_that_of_the_middle_of_the_window_even_where_samples_are_lost(lost: tuple[int, ...]) -> None:
     motion, times = MotionFilter(), [k for k in range(40) if k not in lost]
