@@ -11,7 +11,8 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from struct import calcsize
+from typing import Any, NamedTuple, get_args, get_origin
 
 import msgspec
 
@@ -22,7 +23,6 @@ from core.cobot import CobotFile
 from core.control.controllers import PARAMETERS
 from core.device import load_device
 from core.device_file import BrakeFile, DeviceFile
-from core.device_interface import AnyDevice, RealDevice
 from core.files import Table, shipped_names, table_in
 from experiments.analysis.metrics import JUDGED, METRICS
 from experiments.analysis.statistics import STATISTICS
@@ -35,6 +35,7 @@ from experiments.simulate.scene import SceneFile
 from experiments.study.sweep import SweepFile
 from experiments.trial.operator import Person
 from experiments.trial.population import PopulationFile, Spread
+from hardware.wire.messages import LAYOUTS, SAMPLE_HEAD, SAMPLE_TYPE, Hello, Sample
 
 DOCS = Path(__file__).resolve().parent
 SHIPPED = (
@@ -43,6 +44,9 @@ SHIPPED = (
     ("protocol", "experiments/protocols"),
     ("population", "experiments/trial/populations"),
     ("scene", "experiments/scenes"),
+    ("cobot", "core/cobots"),
+    ("sweep", "experiments/sweeps"),
+    ("ranges", "experiments/sensitivity/ranges"),
 )
 #: Names of `phd` that a line explains.
 IN_A_LINE = ("Device", "InputError", "load_device")
@@ -53,6 +57,8 @@ KINDS = {
     "protocol": ProtocolFile, "device": DeviceFile, "brake": BrakeFile, "cobot": CobotFile, "scene": SceneFile,
     "cobot_scene": CobotSceneFile, "sweep": SweepFile, "ranges": RangesFile, "population": PopulationFile,
 }  # fmt: skip
+#: Code of a number on the wire -> its type.
+CODES = {"B": "u8", "H": "u16", "I": "u32", "Q": "u64", "h": "i16", "i": "i32"}
 PART = re.compile(r"<!-- (\w+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 
 
@@ -111,10 +117,48 @@ def python() -> str:
     return "\n".join(described(name, getattr(phd, name)) for name in names) + "\n" + table(("name", "what"), rows)
 
 
+def messages() -> str:
+    """Each message of the board's protocol: its type, its length and its fields; the long ones have tables."""
+    rows = []
+    for number, (kind, layout) in LAYOUTS.items():
+        fields = [f"{code} {name}: {what}" for _, code, name, what in fields_of(kind, layout)]
+        told = "; ".join(fields) if len(fields) < 6 else "below"
+        rows.append((number, kind.__name__, str(1 + calcsize(f"<{layout}")), told))
+    rows.append((SAMPLE_TYPE, "Sample", "23 + 4 e + 4 f + 2 b", "below"))
+    return table(("type", "message", "bytes", "fields"), [(f"0x{number:02X}", *rest) for number, *rest in sorted(rows)])
+
+
+def hello() -> str:
+    """The fields of a Hello."""
+    return fields_table(fields_of(Hello, dict(LAYOUTS.values())[Hello]))
+
+
+def sample() -> str:
+    """The fields of a Sample: the last three are as long as the board's Hello says."""
+    rows = fields_of(Sample, f"{SAMPLE_HEAD} ei fi bh")
+    return fields_table([*rows[:-2], *(("", *rest) for _, *rest in rows[-2:])])
+
+
+def fields_table(rows: Sequence[tuple[str, ...]]) -> str:
+    """Fields in Markdown, after the byte of the type."""
+    return table(("offset", "field", "what"), [(at, f"{code} {name}", what) for at, code, name, what in rows])
+
+
+def fields_of(kind: type, layout: str) -> list[tuple[str, str, str, str]]:
+    """Offset, type, name and meaning of each field of a message."""
+    said, rows, at = dict(FIELD.findall(inspect.getsource(kind))), [], 1
+    for name, code in zip(kind._fields, layout.split(), strict=True):
+        times = code[:-1]
+        word = f"{times} bytes" if code[-1] == "s" else f"`{CODES[code[-1]]}`{f' x {times}' if times else ''}"
+        rows.append((str(at), word, name, said[name]))
+        at += calcsize(f"<{code}") if not times or times.isdecimal() else 0
+    return rows
+
+
 def shipped() -> str:
     """The names of the files that come with the program."""
     rows = [(kind, ", ".join(f"`{name}`" for name in shipped_names(DOCS.parent / folder))) for kind, folder in SHIPPED]
-    return table(("kind", "shipped names"), rows)
+    return "".join(f"- {kind}: {names}\n" for kind, names in rows)
 
 
 def assumed() -> str:
@@ -145,9 +189,34 @@ def column_of(name: str) -> dict[str, str]:
 
 
 def keys(kind: type[Table]) -> str:
-    """The keys of a file, its tables' keys after a dot, with their defaults."""
-    rows = [(", ".join(f"`{name}`" for name in row.names), ", ".join(row.defaults), row.what) for row in rows_of(kind)]
-    return table(("key", "default", "what"), rows)
+    """The keys of a file as it has them: its own, then those of each table. Required ones are bold."""
+    heads = {field.name: f"[[{field.name}]]" for field in msgspec.structs.fields(kind) if is_array(field.type)}
+    groups: dict[str, list[str]] = {"": []}
+    for row in rows_of(kind):
+        (place, *others) = {name.partition(".")[0] if "." in name else "" for name in row.names}
+        head = heads.get(place, f"[{place}]") if place and not others else ""
+        names = [name.removeprefix(f"{place}.") if head else heads.get(name, name) for name in row.names]
+        defaults = ["none"] if names[0].startswith("[[") and row.defaults == ["[]"] else row.defaults
+        groups.setdefault(head, []).append(f"- {with_defaults(names, defaults)}: {row.what}\n")
+    parts = ["".join(lines) if not head else f"`{head}`\n\n{''.join(lines)}" for head, lines in groups.items()]
+    return "\n".join(parts)
+
+
+def is_array(kind: Any) -> bool:
+    """Whether a key holds tables, so that a file has them as `[[key]]`."""
+    found = next((one for one in (kind, *get_args(kind)) if get_origin(one) is tuple), None)
+    return found is not None and (table_in(found) is not None or get_origin(get_args(found)[0]) is dict)
+
+
+def with_defaults(names: Sequence[str], defaults: Sequence[str]) -> str:
+    """Keys as a file has them with their defaults, of which there is one, or one each."""
+    if defaults == [""]:
+        return ", ".join(f"**`{name}`**" for name in names)
+    if defaults == ["none"]:
+        return ", ".join(f"`{name}`" for name in names)
+    if len(defaults) < len(names):
+        return f"{', '.join(f'`{name}`' for name in names)} = {defaults[0]}"
+    return ", ".join(f"`{name} = {value}`" for name, value in zip(names, defaults, strict=True))
 
 
 class Row(NamedTuple):
@@ -207,18 +276,6 @@ def default(field: msgspec.structs.FieldInfo) -> str:
     return "none" if value is None else json.dumps({} if isinstance(value, Table) else value)
 
 
-def driver() -> str:
-    """The members of a driver for a device on the bench, each with its first clause."""
-    said = {name: words for one in (AnyDevice, RealDevice) for name, words in FIELD.findall(inspect.getsource(one))}
-    for one in (AnyDevice, RealDevice):
-        members = {name: value for name, value in vars(one).items() if not name.startswith("_")}
-        for name, value in members.items():
-            said[name if isinstance(value, property) else call_of(name, value)] = inspect.cleandoc(value.__doc__)
-    return table(
-        ("member", "what"), [(f"`{name}`", re.split("[.;:] ", words)[0].rstrip(".")) for name, words in said.items()]
-    )
-
-
 def described(name: str, found: Any) -> str:
     """A function; a class with its methods; a named tuple with its fields."""
     is_tuple = inspect.isclass(found) and issubclass(found, tuple)
@@ -228,7 +285,7 @@ def described(name: str, found: Any) -> str:
         return text
     if is_tuple:
         said = dict(FIELD.findall(inspect.getsource(found)))
-        return text + "\n" + table(("field", "what"), [(f"`{field}`", said.get(field, "")) for field in found._fields])
+        return text + "\n" + "".join(f"- `{field}`: {said[field]}\n" for field in found._fields)
     if given := inspect.getdoc(found.__init__):
         text += f"\n{given}\n"
     members = [(member, value) for member, value in vars(found).items() if not member.startswith("_")]
@@ -256,9 +313,11 @@ PARTS: dict[str, Callable[[], str]] = {
     "statistics": statistics,
     "verbs": verbs,
     "assumed": assumed,
+    "messages": messages,
+    "hello": hello,
+    "sample": sample,
     "shipped": shipped,
     "python": python,
-    "driver": driver,
     **{f"{name}_keys": partial(keys, kind) for name, kind in KINDS.items()},
 }
 

@@ -62,30 +62,30 @@ NO_DETAIL = 255
 class AskHello(NamedTuple):
     """Who are you? Ends an existing connection: currents zero, no samples."""
 
-    version: int  # of the protocol, the host's
+    version: int  # of the protocol
 
 
 class SetLimits(NamedTuple):
     """Connect: what the board shall enforce. Samples flow from now on."""
 
-    current_mA: Four
-    speed_counts_s: Four  # 0: no limit
+    current_mA: Four  # largest
+    speed_counts_s: Four  # largest; 0: no limit
 
 
 class Command(NamedTuple):
     """Currents until the next command."""
 
-    sequence: int  # rises by one with each command; the board obeys only newer ones
-    host_us: int
-    mode: int  # 0 off (currents zero), 1 on
-    current_mA: Four
+    sequence: int  # from 1 on
+    host_us: int  # host time
+    mode: int  # 0 off, 1 on
+    current_mA: Four  # with mode 1
 
 
 class Home(NamedTuple):
     """Set the encoders of these joints to these counts."""
 
-    joints: int  # bits 1 A, 2 E, 4 B, 8 C
-    counts: Four
+    joints: int  # bits
+    counts: Four  # at which their encoders stand now
 
 
 class ResetFault(NamedTuple):
@@ -95,7 +95,7 @@ class ResetFault(NamedTuple):
 class Heartbeat(NamedTuple):
     """Asks for a reply; does not feed the watchdog."""
 
-    token: int
+    token: int  # any
 
 
 class Stop(NamedTuple):
@@ -112,76 +112,76 @@ class Bye(NamedTuple):
 class Hello(NamedTuple):
     """A board's identity and abilities."""
 
-    version: int
-    state: int
-    faults: int
-    cause: int  # the fault that came first, or 0
-    firmware: tuple[int, int, int]
-    encoders: int  # bits: which joints
-    brakes: int  # bits: which joints
-    force_channels: int  # 0..6
-    sample_hz: int
-    watchdog_ms: int
-    counts_per_rev: Four
-    current_max_mA: Four  # what its drivers can do
-    force_unit: int  # micro-newtons (channels 0-2) or micro-newton metres (3-5) in a count
-    force_full_scale: int  # counts at which a channel is saturated
-    starts: int  # how often it was powered up, modulo 2^32: a change says that homing is lost
-    device: bytes  # up to 24 bytes of UTF-8: the device it is wired to
-    serial: bytes  # up to 16 bytes: this board
+    version: int  # of the protocol
+    state: int  # 0 Boot, 1 Idle, 2 Ready, 3 Active, 4 Fault
+    faults: int  # latched, bits
+    cause: int  # the first of them, or 0
+    firmware: tuple[int, int, int]  # major, minor, patch
+    encoders: int  # joints with one, bits: two or four
+    brakes: int  # joints with one, bits
+    force_channels: int  # 0 to 6
+    sample_hz: int  # 1000
+    watchdog_ms: int  # 50
+    counts_per_rev: Four  # of the joint; 0: no encoder
+    current_max_mA: Four  # of the amplifier; 0: no brake
+    force_unit: int  # micro-newtons a count (channels 0 to 2), micro-newton metres a count (3 to 5)
+    force_full_scale: int  # counts, either sign, at which a channel is saturated
+    starts: int  # number of power-ups, or a random number at each: a change says that homing is lost
+    device: bytes  # its name, UTF-8, filled with zero bytes
+    serial: bytes  # number, likewise
 
 
 class Limits(NamedTuple):
     """The limits in force: the smaller of what was asked for and what the board can do."""
 
-    current_mA: Four
-    speed_counts_s: Four
+    current_mA: Four  # in force
+    speed_counts_s: Four  # in force
 
 
 class Sample(NamedTuple):
     """One tick of the board. Only what there is: counts (encoders,), force (force_channels,), currents (brakes,)."""
 
-    sequence: int
-    echo: int  # sequence of the last command that was taken in
-    board_us: int
-    state: int
-    flags: int
-    faults: int
-    cause: int
-    counts: tuple[int, ...]
-    force: tuple[int, ...]
-    current_mA: tuple[int, ...]  # measured
+    sequence: int  # 1 at the first tick after Boot, rises by one each tick, sent or not
+    echo: int  # sequence of the last command taken in; 0: none
+    board_us: int  # when encoders and force were read; rises from power-up
+    state: int  # as in Hello
+    flags: int  # 1, 2, 4, 8: encoder of A, E, B, C homed; 16 command clamped; 32 late command; 64 supply cut
+    faults: int  # latched, bits
+    cause: int  # the first of them, or 0
+    counts: tuple[int, ...]  # of the encoders; they go round at 2^31
+    force: tuple[int, ...]  # counts of the force channels
+    current_mA: tuple[int, ...]  # measured, either sign
 
 
 class Homed(NamedTuple):
     """The encoders were set."""
 
-    joints: int
-    counts: Four
+    joints: int  # as in Home
+    counts: Four  # as in Home
 
 
 class FaultReport(NamedTuple):
     """Sent when a fault latches and when faults are reset (faults 0)."""
 
-    faults: int
-    cause: int
-    detail: int  # index of the joint or force channel; NO_DETAIL where there is none
-    board_us: int
+    faults: int  # latched
+    cause: int  # the first
+    detail: int  # of the cause: joint 0 to 3, channel 0 to 5, else 255
+    board_us: int  # board time
 
 
 class HeartbeatReply(NamedTuple):
-    token: int
-    board_us: int
+    token: int  # of the Heartbeat
+    board_us: int  # board time
 
 
 class Refused(NamedTuple):
     """A message was understood and not obeyed."""
 
     message: int  # its type
-    reason: int
+    reason: int  # 1 wrong state, 2 bad value, 3 the fault's cause is still there, 4 version
 
 
-SAMPLE_TYPE = 0x83
+SAMPLE_TYPE, SAMPLE_HEAD = 0x83, "I I Q B B H H"  # type; layout of what every board's sample begins with
 #: type -> class and layout; in a layout "4H" is one field of four values
 LAYOUTS: dict[int, tuple[type, str]] = {
     0x01: (AskHello, "B"),
@@ -244,7 +244,7 @@ def unpack(payload: bytes) -> tuple | None:
 def layout_of(hello: Hello) -> Layout:
     """The sample layout of the board that sent this Hello."""
     encoders, brakes = hello.encoders.bit_count(), hello.brakes.bit_count()
-    return Layout(SAMPLE_TYPE, Sample, f"I I Q B B H H {encoders}i {hello.force_channels}i {brakes}h")
+    return Layout(SAMPLE_TYPE, Sample, f"{SAMPLE_HEAD} {encoders}i {hello.force_channels}i {brakes}h")
 
 
 def joints_of(bits: int) -> tuple[int, ...]:

@@ -185,10 +185,10 @@ def test_no_fault_is_left_out() -> None:
 
 
 def row_of(case: Case) -> list[str]:
-    """The row of the page for a fault in a movement: fault, ms until the currents are zero, words."""
+    """The row of the page for a fault in a movement: fault, ms until the currents are zero, cause."""
     said = case.words.partition(": ")[2] if case.words.startswith("Trial ") else case.words
-    words = re.sub(r"Trial \d+(, \w+ try)?", "Trial N", said).replace("for 0.1 s", "for 1 s")  # as a protocol has it
-    return [case.fault.name, str(case.zero_ms), words[0].upper() + words[1:]]
+    why = said.partition(". ")[0].rstrip(".").replace("for 0.1 s", "for 1 s")  # as a protocol has it
+    return [case.fault.name, str(case.zero_ms), why[0].upper() + why[1:]]
 
 
 def rows_of_page() -> dict[str, list[str]]:
