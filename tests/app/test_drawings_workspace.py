@@ -11,16 +11,13 @@ from app.window.canvas.layers import (
     SLIPPING,
     STUCK,
     Doing,
-    Instant,
     directions,
     field_at_rest,
     field_of,
     joints_at,
-    needles,
     wedge,
 )
 from app.window.canvas.linkage_view import Workspace
-from app.window.canvas.marks import ARROW_MOST_PX, arrow_of
 from core import tick_log
 from core.control.rule_sets import SETTLED
 from core.control.sdof import nearest_valid_brake, valid_sense
@@ -91,19 +88,6 @@ def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_c
         assert chosen == [i for i in [nearest_valid_brake(device.brakes, g, field, SETTLED)] if i >= 0]
 
 
-def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_travel_sense() -> None:
-    corners = ((-0.2, 0.3), (0.2, 0.48), 0.02)
-    found, back = needles(LINE, 1.0, FOUR, *corners), needles(LINE, -1.0, FOUR, *corners)
-    assert len(found) > 50
-    for _, y, *beta in found.tolist():
-        off = y - 0.4
-        if abs(off) >= 0.05:
-            assert beta == pytest.approx((0.0, -math.copysign(1.0, off)))
-        elif abs(off) < 1e-9:
-            assert beta == pytest.approx((1.0, 0.0))
-    assert back[:, :3] == pytest.approx(found[:, :3] * (1.0, 1.0, -1.0))
-
-
 def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None:
     rows = quiet(100, CURRENT_E=0.8, TORQUE_E=-3.9, CURRENT_B=0.3, TORQUE_B=1.1, STUCK=2)
     rows[:30, tick_log.CURRENT + 2] = 0.0  # B is without current for less than half of it
@@ -116,15 +100,6 @@ def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None
     assert torques == [0.0, 3.9, 1.1, 0.0]
     workspace.view.rest(TIP)
     assert set(workspace.view.doing.values()) == {Doing()}
-
-
-def test_arrows_point_as_the_forces_do_and_long_ones_are_cut() -> None:
-    instant = Instant.of_tick(FOUR, quiet(TIP_X=TIP[0], TIP_Y=TIP[1], HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
-    assert instant.hand == (3.0, 4.0)
-    assert instant.brakes == pytest.approx(tuple(2.0 * brake_rows(FOUR.mechanism, *TIP)[2]))
-    arrow = arrow_of(instant.hand)
-    assert arrow.x() > 0.0 > arrow.y() and arrow.y() / arrow.x() == pytest.approx(-4.0 / 3.0)
-    assert math.hypot(*arrow_of((300.0, 0.0)).toTuple()) == pytest.approx(ARROW_MOST_PX)
 
 
 def test_the_field_of_a_tick_is_read_from_its_row_and_found_again_from_its_place() -> None:

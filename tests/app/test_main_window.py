@@ -1,12 +1,12 @@
 """The window around the pages, on a fake bench: lights, keys, footer, help, what closing asks, the server's end."""
 
-import math
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from fake_client import PLAN, RED, FakeClient, before, movement, opened, pulse, ready, running
+from page_driver import LEFT
 from page_table import press, read
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QImage
@@ -17,7 +17,6 @@ from tried import tried
 from waiting import wait_until
 
 from app.ipc import messages as m
-from app.window import main_window
 from app.window.canvas.linkage_view import REACHABLE
 from app.window.widgets import memory, words
 from app.window.widgets.page import ANALYSE, HOME, RUN
@@ -34,29 +33,26 @@ LIGHTS = {
     "a trial": (running(), "No faults", []),
     "paused": (ready(paused=True), "No faults", []),
     "brakes off by Esc": (ready(brakes_off="Esc"), None, []),
-    "a break": (ready(stage=m.BREAK), "No faults", []),
     "preparing": (m.Snapshot(m.PREPARING), "One moment …", []),
     "faults": (ready(checks=RED), None, ["Device", "Disk", "Loop", "Recording"]),
     "stopped": (ready(stage=m.FAILED, notice="The disk is full."), None, []),
 }
 
 
-@pytest.mark.parametrize("case", LIGHTS)
-def test_pills_are_of_what_is_not_green_and_differ_by_shape_and_green_is_one_mark(screens, case: str) -> None:
-    said, mark, names = LIGHTS[case]
-    preflight = screens.hear(opened(), said).preflight
-    pills = [pill for pill in preflight.pills if pill.isVisible()]
-    assert [pill.name.text() for pill in pills] == names
-    assert preflight.all_well.isVisible() == (mark is not None)
-    assert mark is None or preflight.all_well.text() == mark
-    shapes = {m.BAD: "✕", m.CAUTION: "▲", m.WAITING: "○"}
-    states = {check.name: check.state for check in said.checks}
-    assert [pill.mark.text() for pill in pills] == [shapes[states[name]] for name in names]
-
-
-def test_before_the_session_server_has_said_anything_no_light_is_green(screens: Screens) -> None:
+def test_pills_are_of_what_is_not_green_and_differ_by_shape_and_green_is_one_mark(screens: Screens) -> None:
     at_first = Preflight()
-    assert (at_first.mark.text(), at_first.all_well.text()) == ("○", "One moment …")
+    assert (at_first.mark.text(), at_first.all_well.text()) == ("○", "One moment …"), (
+        "before the server has said anything"
+    )
+    for case, (said, mark, names) in LIGHTS.items():
+        preflight = screens.hear(opened(), said).preflight
+        pills = [pill for pill in preflight.pills if pill.isVisible()]
+        assert [pill.name.text() for pill in pills] == names, case
+        assert preflight.all_well.isVisible() == (mark is not None)
+        assert mark is None or preflight.all_well.text() == mark
+        shapes = {m.BAD: "✕", m.CAUTION: "▲", m.WAITING: "○"}
+        states = {check.name: check.state for check in said.checks}
+        assert [pill.mark.text() for pill in pills] == [shapes[states[name]] for name in names]
 
 
 def test_settings_are_remembered_and_help_answers_on_every_page(screens: Screens, monkeypatch) -> None:
@@ -88,7 +84,7 @@ def test_a_folder_that_cannot_be_served_is_named_and_another_can_be_chosen(scree
     settle(main)
     assert "/data: another PHD window is using this folder." in " ".join(visible_texts(main)).replace("\u200b", "")
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
-    QTest.mouseClick(main.cards.question.buttons[0], Qt.MouseButton.LeftButton)
+    QTest.mouseClick(main.cards.question.buttons[0], LEFT)
     assert asked == [(screens.client.setup._replace(data_dir=tmp_path), None)]
 
 
@@ -112,17 +108,16 @@ def test_the_brakes_button_always_names_its_key_and_escape_always_does_what_it_s
 
 
 def test_a_second_press_just_after_the_brakes_went_off_does_not_turn_them_on(screens: Screens, monkeypatch) -> None:
-    button = screens.main.preflight.brakes
-    monkeypatch.setattr(main_window, "TURN_ON_AFTER_S", math.inf)
+    button, now = screens.main.preflight.brakes, [100.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[-1])
     screens.hear(opened(), ready(3))
-    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(button, LEFT)
     screens.hear(ready(3, brakes_off="the button was pressed"))
-    screens.client.sent.clear()
-    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
-    assert screens.client.sent == []
-    monkeypatch.setattr(main_window, "TURN_ON_AFTER_S", 0.0)
-    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
-    assert screens.client.sent == [m.AllowBrakes()]
+    for passed_s, sent in ((0.9, []), (1.1, [m.AllowBrakes()])):
+        now.append(100.0 + passed_s)
+        screens.client.sent.clear()
+        QTest.mouseClick(button, LEFT)
+        assert screens.client.sent == sent
 
 
 def test_enter_presses_the_button_with_the_keyboard_and_so_does_space_where_it_starts_nothing(screens: Screens) -> None:
@@ -258,7 +253,7 @@ def test_another_setup_starts_another_server_while_the_window_goes_on(screens: S
 
 def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     """Console with every layer on and participant's window after one movement of a hand through two controllers."""
-    one, found = movement(PLAN[0].path, "AEB", 0.6), []
+    one, found = movement(PLAN[0].path, "AEB", 0.4), []
     other = one.copy()
     other[:, tick_log.CURRENT : tick_log.CURRENT + 4] = 0.0
     other[:, tick_log.TORQUE : tick_log.TORQUE + 4] *= -0.3
@@ -277,8 +272,8 @@ def pictures(screens: Screens, blind: bool) -> list[tuple[QImage, QImage]]:
     return found
 
 
-@pytest.mark.parametrize("blind", [True, False])
-def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(screens, blind):
-    (console, participant), (other_console, other_participant) = pictures(screens, blind)
-    assert (console == other_console) == blind and participant == other_participant
-    assert screens.run.workspace.layers[REACHABLE].isVisible() != blind
+def test_what_the_controller_does_is_seen_on_a_console_with_the_key_alone_and_never_by_the_participant(screens) -> None:
+    for blind in (True, False):
+        (console, participant), (other_console, other_participant) = pictures(screens, blind)
+        assert (console == other_console) == blind and participant == other_participant
+        assert screens.run.workspace.layers[REACHABLE].isVisible() != blind

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from fake_ticks import quiet, trial
-from PySide6.QtCore import QPointF
 from PySide6.QtWidgets import QApplication
 
 from app.window.run.energy import Ledger
@@ -88,15 +87,6 @@ def test_the_curve_is_interrupted_where_there_is_no_value(trace: Trace) -> None:
     x, y = drawn(trace)
     known = x[np.isfinite(y)]
     assert np.isnan(y).any() and not ((known > 2.05) & (known < 3.95)).any()
-
-
-def test_the_pointer_reads_the_tick_under_it(live: Live, strip: Strip) -> None:
-    rows = quiet(500, HAND_FX=3.0, HAND_FY=-4.0, CURRENT_E=0.8)
-    for part in (live, strip):
-        add(part, rows)
-    assert strip.currents.read_at(QPointF(0.2, 0.5)) == "0.200 s: A 0.00 A, E 0.80 A, B 0.00 A, C 0.00 A"
-    assert live.force.read_at(QPointF(0.2, 1.0)) == "0.200 s: 5.0 N"
-    assert live.force.read_at(QPointF(7.0, 1.0)) == ""
 
 
 def test_each_trace_says_its_value_with_its_unit(live: Live, strip: Strip) -> None:

@@ -198,13 +198,6 @@ def test_what_can_be_read_and_done_in_each_state_of_a_session(screens: Screens, 
     assert faults(screens.main) == []
 
 
-def test_what_the_participant_reads_is_what_the_experimenter_reads_of_it(screens: Screens) -> None:
-    for said in (ready(), ready(12, checks=RED), ready(5, paused=True), ready(9, stage=m.RERIG), runs()):
-        screens.hear(opened(), said)
-        reads = " · ".join(filter(None, screens.participant.view.shown))
-        assert f"Participant reads: {reads}" in read(screens.main)
-
-
 #: rows of the session, the trial that comes -> statuses in the plan's bar, what is marked, how far it is
 PLANS = {
     "each status": (runs(5, rows=tuple(map(result, PLAN[:5], ("done", "timeout", "aborted", "redone", "recovered")))),

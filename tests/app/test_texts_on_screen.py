@@ -1,5 +1,5 @@
 """No text is cut and none lies over another: in the states that the tables of the pages do not have, on cards, and in
-windows of two sizes."""
+windows of two sizes. What the server says moves no button, field or curve that was there before."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,25 +10,30 @@ from fake_client import (
     GREEN,
     PAPER,
     PLAN,
+    RED,
     before,
     movement,
     opened,
     paper,
+    pulse,
     ready,
     result,
     running,
 )
 from protocols import CURVES
-from PySide6.QtCore import Qt
-from screens import Screens
+from PySide6.QtCore import QRect, Qt
+from PySide6.QtWidgets import QAbstractButton, QLineEdit, QWidget
+from screens import Screens, settle
 from sessions import session_of
 from status_messages import NOT_ZEROED, ON_BENCH, status, told
 from texts_on_screen import faults_by_size
 from tried import INITIAL, ended, tried
 
 from app.ipc import messages as m
+from app.window.canvas.plane import Plane
 from app.window.home.home_page import BOARD
 from app.window.widgets.page import ANALYSE, HOME, TRY
+from app.window.widgets.plots import Graph
 from experiments.analysis.charts import PERSON, POOLED, SPEED
 from experiments.analysis.trials_table import as_rows, as_table
 from experiments.protocol_file import Consent
@@ -134,14 +139,14 @@ def consent(screens: Screens) -> None:
 
 STATES: dict[str, Callable[[Screens], None]] = {
     "run, card": flagged_card, "run, undone": lambda screens: screens.hear(opened(), NOT_STORED),
-    "settings": card("settings"), "files": card("files"), "long names": long_names, "run, instructed": instructed,
+    "settings": card("settings"), "long names": long_names, "run, instructed": instructed,
     "home, sessions": sessions, "home, ports": ports, "editor": editor, "consent": consent, "device": device,
     "repeat": asked(Qt.Key.Key_R), "abort": asked(Qt.Key.Key_A), "keys": asked(Qt.Key.Key_F1, NONE), "try": try_passes,
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_in_a_session_and_on_try(screens: Screens, state: str) -> None:
+def test_no_text_is_cut_in_a_session_and_on_try(screens: Screens, state: str) -> None:
     STATES[state](screens)
     assert faults_by_size(screens.main) == {}
 
@@ -154,7 +159,7 @@ def recorded(tmp_path_factory) -> Path:
         return folder
 
 
-def test_on_analyse(qtbot, screens: Screens, recorded: Path) -> None:
+def test_no_text_is_cut_on_analyse(qtbot, screens: Screens, recorded: Path) -> None:
     screens.hear(opened(""), before())
     screens.main.show_page(ANALYSE, recorded)
     analyse = screens.main.pages[ANALYSE]
@@ -169,3 +174,59 @@ def test_on_analyse(qtbot, screens: Screens, recorded: Path) -> None:
     qtbot.waitUntil(lambda: analyse.side.trial is not None, timeout=60_000)
     assert faults_by_size(screens.main) == {}
     analyse.close_trial()
+
+
+NOTICE = "Run 9: the participant was distracted by a long sentence that goes on over several lines of the panel."
+LATE = m.Check("Loop", m.CAUTION, "12 ticks missed", "Close other programs.")
+OFF = {"brakes_off": "Esc was pressed in the main window"}
+
+
+def places(window: QWidget) -> dict[QWidget, QRect]:
+    """Where everything is that can be pressed, typed in or pointed at."""
+    settle(window)
+    seen = (one for kind in (QAbstractButton, QLineEdit, Plane, Graph) for one in window.findChildren(kind))
+    return {one: QRect(one.mapTo(window, one.rect().topLeft()), one.size()) for one in seen if one.isVisible()}
+
+
+def moved(screens: Screens, *messages: object) -> list[str]:
+    """What has another place after the server has said this."""
+    was = places(screens.main)
+    screens.hear(*messages)
+    now = places(screens.main)
+    pills = screens.main.preflight
+    return [
+        f"{type(one).__name__} {getattr(one, 'text', str)()}: {was[one]} -> {now[one]}"
+        for one in was.keys() & now.keys()
+        if was[one] != now[one] and not pills.isAncestorOf(one)
+    ]
+
+
+def test_nothing_moves_under_the_pointer_on_run_between_trials_and_in_one(screens: Screens) -> None:
+    screens.hear(opened(), ready(9), pulse(""))
+    for said in (
+        ready(9, checks=RED), ready(9), ready(9, notice=NOTICE, notice_bad=True), ready(9, **OFF),
+        ready(9, paused=True), ready(9, notes=("13:02 slower",)),
+    ):  # fmt: skip
+        assert moved(screens, said) == [], said
+    screens.hear(running(9))
+    screens.tick(movement(PLAN[9].path, "AEB", 0.5))
+    checks = (*GREEN[:2], LATE, *GREEN[3:])
+    for said in (pulse(), running(9, checks=checks), running(9, notice=NOTICE)):
+        assert moved(screens, said) == [], said
+
+
+def test_nothing_moves_under_the_pointer_on_home(qtbot, screens: Screens) -> None:
+    screens.main.show_page(HOME)
+    screens.hear(opened(""), before())
+    home = screens.main.pages[HOME]
+    qtbot.waitUntil(lambda: home.plan.toPlainText() != "" and home.data.overview is not None, timeout=60_000)
+    for said in (before(checks=RED), before(), before(notice=NOTICE, notice_bad=True), before(**OFF)):
+        assert moved(screens, said) == [], said
+
+
+def test_nothing_moves_under_the_pointer_on_try(screens: Screens) -> None:
+    screens.main.show_page(TRY)
+    screens.hear(opened(""), tried())
+    first = ended(1)
+    for said in (tried(INITIAL, first), tried(INITIAL, first)._replace(notice="No.", notice_bad=True), before(**OFF)):
+        assert moved(screens, said) == [], said
