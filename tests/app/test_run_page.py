@@ -301,6 +301,7 @@ def test_the_end_of_the_plan_leads_to_the_next_participant_and_a_blind_session_i
 def test_space_right_after_a_trial_may_be_meant_for_it_and_a_break_cannot_be_ended_before_its_time(screens, clock):
     screens.hear(opened(), runs(3))
     screens.hear(ready(4))
+    clock.append(100.4)
     assert press(screens, "Space") == []
     screens.hear(ready(12, stage=m.BREAK, card=LONG_BREAK))
     for passed_s, says, sent in ((30.0, "Break · 0:30", []), (30.1, "The break is over", [m.Confirm()])):
