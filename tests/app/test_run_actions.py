@@ -84,16 +84,3 @@ def test_a_command_is_said_on_its_button_until_the_server_has_answered_and_no_ot
     assert screens.press(Qt.Key.Key_P, modifier=ALT) == [m.Pause(False)] and panel.pause.text() == "Resuming …"
     screens.hear(ready())
     assert panel.pause.text() == "Pause" and panel.start.isEnabled()
-
-
-def test_in_a_break_a_trial_is_excluded_for_a_reason_and_space_is_not_offered_twice(screens: Screens) -> None:
-    screens.hear(opened(), running(3))
-    screens.hear(ready(4, stage=m.BREAK, card=LONG_BREAK))
-    card = screens.run.card
-    assert screens.run.card_shown and not card.keep.key.isVisible() and card.exclude.isEnabled()
-    card.exclude.click()
-    assert screens.press(Qt.Key.Key_2, screens.run.cards.question.own, ALT) == [
-        m.Exclude(PLAN[3].run, "the participant was distracted")
-    ]
-    card.keep.click()
-    assert not screens.run.card_shown

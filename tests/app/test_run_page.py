@@ -136,6 +136,8 @@ STATES = {
     ),
     "card, paused": Row((opened(), runs(1), ready(2, paused=True)), "Keep", offers=f"{ON_CARD} | Keep",
                         sends={"Space": []}),
+    "card, in a break": Row((opened(), runs(3), ready(4, stage=m.BREAK, card=LONG_BREAK)), "Break · 1:00 | Path error",
+                            offers="More | Keep | Repeat | Exclude"),
     "practised": Row(
         (opened(), runs(0, running=PLAN[0]._replace(block=0)),
          ready(0, newest=result(PLAN[0]._replace(block=0), "timeout"))),

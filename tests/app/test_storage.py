@@ -16,7 +16,6 @@ from protocols import PAPER, changed, protocol_of, short
 from sessions import new_session, run, run_trials
 
 from app.ipc.messages import BAD, BREAK, READY
-from app.session_server import session_progress as progress_module
 from app.session_server.device_setup import SimulatedSetup
 from app.session_server.preflight import check_recording
 from app.session_server.session_progress import SessionProgress
@@ -246,62 +245,36 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     assert f"1 of its {last} trials has no result: {last} (skipped)" in said[-1][0]
 
 
-@pytest.fixture
-def rested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Opens a session with a break of ten minutes after each trial, again and again; `later` lets the clock go on."""
+def test_a_break_goes_on_when_the_bench_is_started_again_and_is_not_asked_for_again_once_it_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten minutes after each trial, by the clock of the machine, which may be set."""
+    text = changed(PAPER.text, blocks="1") + "\n[breaks]\nafter_trials = 1\nleast_s = 600.0\n"
+    session = new_session(tmp_path / "data", protocol=protocol_of(text))
 
-    class Again:
-        def __init__(self) -> None:
-            text = changed(PAPER.text, blocks="1") + "\n[breaks]\nafter_trials = 1\nleast_s = 600.0\n"
-            self.session = new_session(tmp_path / "data", protocol=protocol_of(text))
-            self.session.close()
+    def opened_again(later_s: float) -> SessionProgress:
+        nonlocal session
 
-        def open(self) -> SessionProgress:
-            self.session.close()
-            self.session = Session.resume(tmp_path / "data", "01", sync=False)
-            return SessionProgress(self.session)
+        class Shifted(datetime):
+            @classmethod
+            def now(cls, tz=None):
+                return datetime.now(tz) + timedelta(seconds=later_s)
 
-        def later(self, seconds: float) -> None:
-            monkeypatch.setattr(progress_module, "datetime", shifted(seconds))
+        monkeypatch.setattr("app.session_server.session_progress.datetime", Shifted)
+        session.close()
+        session = Session.resume(tmp_path / "data", "01", sync=False)
+        return SessionProgress(session)
 
-    again = Again()
-    yield again
-    again.session.close()
-
-
-def shifted(seconds: float) -> type:
-    """A clock of the machine that was set, or has gone on, by so much; the monotonic one has not."""
-
-    class Shifted(datetime):
-        @classmethod
-        def now(cls, tz=None):
-            return datetime.now(tz) + timedelta(seconds=seconds)
-
-    return Shifted
-
-
-def test_a_break_is_gone_on_with_when_the_bench_had_to_be_started_again(rested):
-    progress = rested.open()
-    assert stage_of(progress, MOUSE_HELD) == READY
-    run_trials(rested.session, 1)
-    progress = rested.open()
-    assert stage_of(progress, MOUSE_HELD) == BREAK and 400.0 < progress.break_left_s() <= 600.0
-    rested.later(450.0)
-    progress = rested.open()
-    assert stage_of(progress, MOUSE_HELD) == BREAK and 0.0 < progress.break_left_s() <= 150.0
-    rested.later(-3600.0)  # somebody set the clock: the whole break, not an hour of it
-    assert 400.0 < rested.open().break_left_s() <= 600.0
-
-
-def test_a_break_that_passed_while_the_session_was_closed_or_was_ended_is_not_asked_for_again(rested):
-    rested.open()
-    run_trials(rested.session, 1)
-    rested.later(3600.0)
-    assert stage_of(rested.open(), MOUSE_HELD) == READY
-    run_trials(rested.session, 1)
-    rested.later(0.0)
-    assert stage_of(rested.open(), MOUSE_HELD) == BREAK
-    rested.session.journal(BREAK_ENDED, settled=rested.session.finished_count)
-    assert stage_of(rested.open(), MOUSE_HELD) == READY
-    run_trials(rested.session, 1)
-    assert stage_of(rested.open(), MOUSE_HELD) == BREAK
+    assert stage_of(opened_again(0.0), MOUSE_HELD) == READY
+    run_trials(session, 1)
+    for later_s, least_s, most_s in ((0.0, 400.0, 600.0), (450.0, 1e-9, 150.0), (-3600.0, 400.0, 600.0)):
+        progress = opened_again(later_s)  # the clock was set back: the whole break, not an hour of it
+        assert stage_of(progress, MOUSE_HELD) == BREAK and least_s < progress.break_left_s() <= most_s
+    assert stage_of(opened_again(3600.0), MOUSE_HELD) == READY, "it passed while the session was closed"
+    run_trials(session, 1)
+    assert stage_of(opened_again(0.0), MOUSE_HELD) == BREAK
+    session.journal(BREAK_ENDED, settled=session.finished_count)
+    assert stage_of(opened_again(0.0), MOUSE_HELD) == READY
+    run_trials(session, 1)
+    assert stage_of(opened_again(0.0), MOUSE_HELD) == BREAK
+    session.close()
