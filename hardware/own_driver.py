@@ -31,8 +31,10 @@ def load_driver(link: str) -> Callable[[Device], RealDevice]:
     """The function of the file that a link names. InputError: there is no such file or function, or it fails."""
     path = Path(link.removeprefix(DRIVER))
     spec = importlib.util.spec_from_file_location(path.stem, path) if path.suffix == ".py" else None
-    if spec is None or spec.loader is None or not path.is_file():
+    if spec is None or spec.loader is None:
         raise InputError(f"--link {link}: must name a Python file: {DRIVER}FILE.py")
+    if not path.is_file():
+        raise InputError(f"--link {link}: there is no such file")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

@@ -85,7 +85,7 @@ def test_a_stop_and_a_host_that_falls_silent_take_the_currents_off_the_template(
         ("", "has no function new_device"),
         ("import nothing_of_that_name", "cannot be loaded"),
         ("import sys; sys.exit(3)", "cannot be loaded: SystemExit: 3"),
-        (None, "must name a"),
+        (None, "there is no such file"),
         ("def new_device(device): raise ValueError('no such card')", "driver.py, line 1: ValueError: no such card"),
         ("def new_device(device): return None", "what new_device returns has no begin, close"),
     ],
