@@ -279,7 +279,7 @@ def _length(protocol: Protocol, plan: Sequence[PlannedTrial]) -> str:
 def _head(protocol: Protocol, participant: str, plan: Sequence[PlannedTrial]) -> str:
     rerig = f", {RERIG_S / 60:g} min a re-rig" if len(protocol.devices) > 1 else ""
     times = "once" if protocol.repetitions == 1 else f"{protocol.repetitions} times"
-    coded = f"sees codes, K1 to K{len(protocol.controllers)}, which the session draws when it begins"
+    coded = f"sees codes, K1 to K{len(protocol.controllers)}; the session draws which is which when it begins"
     breaks, pages = protocol.breaks, counted(len(protocol.instruction), "page")
     every = counted(breaks.after_trials, "trial").removeprefix("1 ") if breaks else ""
     facts = {
