@@ -52,7 +52,7 @@ def draw_error_against_force(trials: Trials, note: str, view: View) -> Figure:
     counts = sorted({mark.error.n for mark in marks})
     often = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}" if counts else "no"
     several = "; a dotted line joins the devices" if len(view.configurations) > 1 else ""
-    how = f"Medians and quartiles of {often} trials{several}. Each line across halves the error."
+    how = f"Medians and quartiles of {often} trials{several}. Each horizontal line halves the error."
     texts = (how, left_out(trials, view.timeouts), *note.splitlines())
     lines = [line for text in texts for line in textwrap.wrap(text, int((PAGE_IN - 0.75) * CHARACTERS_PER_INCH))]
     height, bottom, right = 4.9, 0.7 + LINE_IN * len(lines), KEY_IN

@@ -27,7 +27,7 @@ from experiments.analysis.trials_table import Trials
 
 CIRCLE_PX = 22.0  # the largest diameter
 HEAD = f"Error ({ERROR.shown_unit}, log scale) against force ({FORCE.shown_unit})"
-ABOUT = "Best: low and left. Each line across halves the error."
+ABOUT = "Best: low and left. Each horizontal line halves the error."
 GLASS = 0.4  # of its colour, a filled circle: what lies under it is seen
 
 
