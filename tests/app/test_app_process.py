@@ -80,9 +80,9 @@ def test_a_mouse_trial_is_measured_and_shown_and_escape_ends_the_next(windows: W
             point(
                 view, view.to_screen(hand((tick[tick_log.TIP_X], tick[tick_log.TIP_Y]), int(tick[tick_log.PHASE]), dt))
             )
-    words = {tick_log.APPROACH: {"Move to the start"}, tick_log.HOLD: {"Hold"}, tick_log.MOVE: {"Go"}}
+    words = {tick_log.APPROACH: {"Move to the start"}, tick_log.HOLD: {"Hold"}, tick_log.MOVE: {"Go", ""}}  # for 1 s
     assert {tick_log.APPROACH, tick_log.MOVE} <= set(said)  # a hold of half a second may come between two pictures
-    assert all(said[phase] == words[phase] for phase in said if phase in words), said
+    assert all(said[phase] <= words[phase] for phase in said if phase in words), said
     assert view.shown.large == "Thank you"
     (result,) = main.snapshot.rows
     assert result.status == "done" and (result.path, result.controller) == (planned.path, planned.controller)

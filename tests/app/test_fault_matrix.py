@@ -1,4 +1,4 @@
-"""Every fault in every phase of a trial and between two: what the person is told, when the currents are zero, that
+"""Every fault in the phases of a trial and between two: what the person is told, when the currents are zero, that
 nothing recorded is lost, and that the device is of use again. In simulated time, so that the limits are laws.
 
 As a script it prints a row for the table of docs/bench.md for each fault: `python tests/app/test_fault_matrix.py`.
@@ -35,13 +35,16 @@ SOURCES = [file for part in ("hardware", "experiments", "app") for file in (ROOT
 WITH_TRIAL = "with the trial"  # that long the currents flow where the program finds the fault, not the board
 WIRE_MS = 3  # from the app's decision to the board
 #: Each fault comes over a TCP connection, in place of the serial port, in one phase of a trial: the first in the first,
-#: the next in the next, and so round. During the hold, which is as the approach without current, those alone come.
+#: the next in the next, and so round. Hold and end are as the approach, without current: those alone come there, and at
+#: the end what no longer changes the trial.
 BY_TCP = [(fault.name, phase) for fault, phase in zip(HARD, itertools.cycle(tick_log.PHASES), strict=False)]
 EVERY = [
     pytest.param(fault, phase, wire, id=f"{fault.name}-{phase}{'-tcp' if wire is TcpWire else ''}")
     for fault in HARD for phase in PHASES for wire in (BenchWire, TcpWire)
-    if (wire is TcpWire) == ((fault.name, phase) in BY_TCP) and (phase != "hold" or wire is TcpWire)
+    if wire is TcpWire and (fault.name, phase) in BY_TCP
     or wire is BenchWire and phase == "move"
+    or wire is BenchWire and (fault.name, phase) not in BY_TCP
+    and (phase in (BETWEEN, "approach") or phase == "end" and "end" in fault.goes_on)
 ]  # fmt: skip
 #: what comes over the board in C, too
 IN_C = ("unplug", "uncounted start")

@@ -146,7 +146,7 @@ def test_an_emulated_device_is_run_as_a_real_one(tmp_path, capsys):
             session.zero()
             emulated.order(away=False)
             rows = []
-            for trial in itertools.islice(session, 4):  # one that a busy machine disturbs counts for nothing
+            for trial in itertools.islice(session, 12):  # one that a busy machine disturbs counts for nothing
                 rows.append(run_undisturbed(session, trial))
                 if rows[-1]["status"] == "done":
                     break
