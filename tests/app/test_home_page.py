@@ -34,17 +34,10 @@ class Shown(PageDriver):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(HomePage)
-        self.begin(folder)
-
-    def begin(self, folder: Path) -> None:
-        """A session server has begun on this folder."""
         self.setup = m.Setup(folder)
         self.page.show_setup(self.setup)
         self.page.show_opened(opened(""))
-        for said in (before(notice="No.", notice_bad=True), before()):  # what was asked for is not waited for
-            self.page.show_snapshot(said)
-        self.sent.clear()
-        self.pages.clear()
+        self.page.show_snapshot(before())
         self.wait()
 
     def wait(self) -> None:
@@ -60,14 +53,6 @@ class Shown(PageDriver):
 @pytest.fixture
 def shown(tmp_path: Path) -> Iterator[Shown]:
     made = Shown(tmp_path / "data")
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
-    """One page for all states."""
-    made = Shown(tmp_path_factory.mktemp("kept") / "data")
     yield made
     made.close()
 
@@ -126,9 +111,8 @@ HOME = {
 
 
 @pytest.mark.parametrize("state", HOME)
-def test_what_can_be_read_and_started_in_each_state(kept: Shown, tmp_path: Path, state: str) -> None:
-    shown, page, seen = kept, kept.page, HOME[state]
-    shown.begin(tmp_path / "data")
+def test_what_can_be_read_and_started_in_each_state(shown: Shown, state: str) -> None:
+    page, seen = shown.page, HOME[state]
     if seen.open:
         page.show_opened(opened(seen.open))
     page.show_snapshot(seen.said)
