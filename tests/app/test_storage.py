@@ -230,7 +230,9 @@ def test_what_nobody_decided_to_end_comes_again_and_what_somebody_did_does_not(s
     in_order(session)
 
 
-def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session, said):
+def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, said, tmp_path):
+    session = new_session(tmp_path / "few", protocol=short(paths=1))
+    storage.set_session(SessionProgress(session))
     run_trials(session, len(session.plan) - 2)
     ended = Ended(session, ticks=200)
     ended.cut_short = False
@@ -243,6 +245,7 @@ def test_the_end_of_the_plan_names_the_trials_without_a_result(storage, session,
     session.redo(session.rows[-2].run, "there is time")
     storage.store_trial(Ended(session))
     assert f"1 of its {last} trials has no result: {last} (skipped)" in said[-1][0]
+    session.end()
 
 
 def test_a_break_goes_on_when_the_bench_is_started_again_and_is_not_asked_for_again_once_it_is_over(
