@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import conclusions
 import pytest
 from protocols import PEOPLE, short
 
@@ -17,8 +16,7 @@ def seeded(seed: int, protocol: Protocol) -> Protocol:
 
 @pytest.fixture(scope="session")
 def whole_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One operator's study of twenty trials by the paper's controllers, with its report and error bars; seed 4."""
+    """One operator's study of twenty trials by the paper's controllers; seed 4."""
     out = tmp_path_factory.mktemp("whole") / "study"
-    with conclusions.error_bars():
-        run_study(out, 1, seeded(4, short()), PEOPLE)
+    run_study(out, 1, seeded(4, short()), PEOPLE)
     return out

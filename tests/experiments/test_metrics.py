@@ -297,6 +297,12 @@ def test_sparc_agrees_with_monalysa():
     assert sparc(np.zeros(100)) is None
 
 
+def test_the_sparc_of_a_trial_is_that_of_the_speed_of_its_tip_in_the_movement():
+    recording = moved(ARC, SHARES**2)
+    speed = np.hypot(recording.column("tip_vx_m_s"), recording.column("tip_vy_m_s"))
+    assert measured(recording, ARC).sparc == sparc(speed[recording.in_phase("move")])
+
+
 def test_energy_per_metre_is_work_over_progress_and_chatter_counts_steps_of_current():
     currents = np.zeros((5200, 4))
     currents[1500:1600:10] = 0.3  # ten pulses of a tick: twenty steps

@@ -220,6 +220,14 @@ def test_a_row_shows_the_state_after_what_happens_at_its_time(scene, tmp_path: P
     assert all(set(row[5:8]) != {"0"} for row in rows[13:])
 
 
+def test_a_scene_of_more_rows_than_are_made_at_once_has_each_of_them_once(scene, tmp_path: Path):
+    summary = simulate(scene("[force]\nconstant_N = [0.1, 0.0]\n", ("= 0.02", "= 20.005")), tmp_path / "out.csv")
+    rows = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1, usecols=(0, 1, 3))
+    assert summary["rows"] == len(rows) == 20_006 and np.array_equal(rows[:, 0], np.arange(20_006) / 1000.0)
+    last = rows[19_900:]
+    assert np.diff(last[:, 1]) == pytest.approx(0.5e-3 * (last[1:, 2] + last[:-1, 2]), abs=1e-7), "no jump"
+
+
 def test_a_result_that_half_the_step_contradicts_carries_a_warning(scene, tmp_path: Path, capsys):
     """First order at 20 ms is off by millimetres and says so, in the summary, on stderr and in --json."""
     s = scene("integrator = 'stepping'\n[force]\nconstant_N = [20.0, 5.0]\n", ("= 0.02", "= 0.4"))
