@@ -31,10 +31,11 @@ from experiments.export.files import (
     NOTES_CSV,
     QUESTIONNAIRE_CSV,
     answers_and_notes,
+    recording_column,
     write_answers_and_notes,
     write_phenotype,
 )
-from experiments.recording import Sensors
+from experiments.recording import Sensors, recording_columns
 from experiments.store.database import Database
 from experiments.store.files import add_row, pooled_rows, put_row, rows_of
 from experiments.store.journal import ANSWERS, CONTROLLER_ANSWERS
@@ -281,6 +282,17 @@ def test_the_device_of_a_recording_stands_in_its_export(
     about = json.loads(next(exported["bids"].glob(f"sub-{participant}/ses-01/motion/*_motion.json")).read_text())
     assert (about["SimulatedDevice"], about["SimulatedOperator"]) == (simulated_device, simulated_operator)
     assert about["DeviceSerialNumber"] == number
+
+
+def test_a_column_has_the_unit_that_its_name_ends_with_or_that_of_the_devices_commands():
+    # longer ends first: they hold shorter ones
+    units = {"_N_per_m": "N/m", "_N_m": "N m", "_m_s2": "m/s^2", "_m_s": "m/s", "_us": "us"}
+    units |= {"_s": "s", "_m": "m", "_N": "N", "_A": "A", "_J": "J"}
+    for name, _ in recording_columns("AEBC"):
+        said = [unit for end, unit in units.items() if name.endswith(end)]
+        assert recording_column(name).unit == (said[0] if said else "") and recording_column(name).meaning
+    field = recording_column("current_A_A", "kV/mm")
+    assert (field.unit, field.meaning) == ("kV/mm", "value (kV/mm) commanded to the brake at joint A")
 
 
 def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, capsys):

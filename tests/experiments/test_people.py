@@ -21,6 +21,7 @@ from experiments.trial.operator import (
     begin_approach,
     minimum_jerk,
     new_operator,
+    on_path,
     operate,
     take_handle,
 )
@@ -230,6 +231,14 @@ def test_the_arm_never_pushes_harder_than_its_clip():
         strongest = max(strongest, force)
         assert force <= person.force_max_N * (1.0 + 1e-12)
     assert strongest > 0.9 * person.force_max_N
+
+
+def test_a_hand_is_led_off_a_small_path_with_bends_in_proportion_to_its_size_and_off_a_straight_one_as_ever():
+    person = somebody(1, bias_m=0.006, curvature_m=0.004, trial_bias_m=0.003)
+    corners = np.array([[0.0, 0.0], [0.06, 0.0], [0.06, 0.08]])  # 10 cm in size, half of the paper's
+    small, large = (on_path(person, build_path(Polyline(tuple(map(tuple, k * corners))), "path")) for k in (1.0, 3.0))
+    assert (small.bias_m, small.curvature_m, small.trial_bias_m) == pytest.approx((0.003, 0.002, 0.0015))
+    assert large.bias_m == person.bias_m and on_path(person, line((0.0, 0.1), (0.02, 0.1))) is person
 
 
 def test_tremor_has_the_frequency_and_the_size_of_its_person_and_tremulous_people_have_most():
