@@ -3,7 +3,6 @@
 import gzip
 import json
 import math
-import resource
 import shutil
 from dataclasses import replace
 from datetime import datetime
@@ -314,6 +313,7 @@ def test_what_is_damaged_or_not_finished_is_left_out_and_named(study, tmp_path, 
 @pytest.fixture
 def no_large_files():
     """The system refuses every file over 50 kB, as a full disk does."""
+    resource = pytest.importorskip("resource")  # Windows has none
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
     yield

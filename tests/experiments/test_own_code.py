@@ -6,7 +6,6 @@ Code out of a session's folder runs only after its user was asked, and whatever 
 import json
 import os
 import pickle
-import pty
 import re
 import shutil
 import stat
@@ -384,6 +383,7 @@ run_trial(pickle.load(open({str(tmp_path / "trial")!r}, "rb"))).tofile({str(tmp_
 
 
 def test_yes_is_remembered_by_the_hash_for_the_user_alone_and_no_is_no(elsewhere, tmp_path, monkeypatch, capsys):
+    pty = pytest.importorskip("pty")  # Windows has none
     ours, theirs = pty.openpty()
     with open(theirs, "r+b", buffering=0) as raw, open(raw.fileno(), closefd=False) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
