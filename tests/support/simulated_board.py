@@ -57,13 +57,6 @@ class SimulatedBoard:
         (limits,) = self.tell(SetLimits(current, speed))
         return limits
 
-    def activate(self) -> "SimulatedBoard":
-        """Currents flow."""
-        self.connect()
-        self.command()
-        assert self.state == State.ACTIVE and any(self.board.currents)
-        return self
-
     def _read(self, data: bytes) -> list[tuple]:
         found = []
         for payload in self._decoder.feed(data):
