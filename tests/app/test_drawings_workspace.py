@@ -11,10 +11,12 @@ from app.window.canvas.layers import (
     SLIPPING,
     STUCK,
     Doing,
+    Instant,
     directions,
     field_at_rest,
     field_of,
     joints_at,
+    needles,
     wedge,
 )
 from app.window.canvas.linkage_view import Workspace
@@ -86,6 +88,25 @@ def test_a_locked_brake_leaves_the_direction_in_which_it_does_not_turn_and_the_c
             assert one.sense == valid_sense(one.p_x, one.p_y, field, SETTLED.span_rounding)
         chosen = [one.joint for one in found if one.chosen]
         assert chosen == [i for i in [nearest_valid_brake(device.brakes, g, field, SETTLED)] if i >= 0]
+
+
+def test_the_field_leads_to_the_path_and_along_it_and_turns_with_the_travel_sense() -> None:
+    corners = ((-0.2, 0.3), (0.2, 0.48), 0.02)
+    found, back = needles(LINE, 1.0, FOUR, *corners), needles(LINE, -1.0, FOUR, *corners)
+    assert len(found) > 50
+    for _, y, *beta in found.tolist():
+        off = y - 0.4
+        if abs(off) >= 0.05:
+            assert beta == pytest.approx((0.0, -math.copysign(1.0, off)))
+        elif abs(off) < 1e-9:
+            assert beta == pytest.approx((1.0, 0.0))
+    assert back[:, :3] == pytest.approx(found[:, :3] * (1.0, 1.0, -1.0))
+
+
+def test_the_forces_of_a_tick_are_those_of_the_hand_and_of_each_brake() -> None:
+    instant = Instant.of_tick(FOUR, quiet(TIP_X=TIP[0], TIP_Y=TIP[1], HAND_FX=3.0, HAND_FY=4.0, TORQUE_B=2.0)[-1])
+    assert instant.hand == (3.0, 4.0)
+    assert instant.brakes == pytest.approx(tuple(2.0 * brake_rows(FOUR.mechanism, *TIP)[2]))
 
 
 def test_brakes_say_what_they_did_most_of_the_time(workspace: Workspace) -> None:

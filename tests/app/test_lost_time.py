@@ -38,8 +38,10 @@ def test_the_host_the_scheduler_and_the_switches_are_as_the_system_counts_them(c
     assert found == LostTime(stolen, pytest.approx(2.5), 12)
 
 
-def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measured_it() -> None:
+def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measured_it(monkeypatch) -> None:
     for worked_us, own in ((0.0, (None, None)), (25.0, (25.0, 50.0))):
+        looks = iter([LostTime(10.0, None, 3), LostTime(30.0, None, 8)])
+        monkeypatch.setattr("app.session_server.recorder.lost_time", lambda pid, core, looks=looks: next(looks))
         ring = Ring(ticks=64)
         recorder = Recorder(ring, None)
         ring.rows[:40] = np.zeros((40, tick_log.WIDTH))
@@ -47,4 +49,5 @@ def test_the_passport_of_a_trial_holds_the_ticks_own_time_where_the_loop_measure
         ring.control.worked, ring.control.worked_most = round(40e3 * worked_us), round(2e3 * worked_us)
         recorder.close()
         timing = recorder.timing("default")
+        assert (timing.stolen_ms, timing.waited_ms, timing.switches) == (20.0, None, 5)
         assert (timing.tick_us, timing.tick_max_us) == own

@@ -8,7 +8,8 @@ from PySide6.QtWidgets import QApplication
 from app.window.run.energy import Ledger
 from app.window.run.live import Live
 from app.window.run.strip import Strip
-from app.window.widgets.plots import NOTHING, WINDOW_S, Trace
+from app.window.widgets import theme
+from app.window.widgets.plots import NOTHING, WINDOW_S, TimingStrip, Trace
 from app.window.widgets.theme import COLOURS
 from core import tick_log
 from core.device import load_device
@@ -120,6 +121,17 @@ def test_a_device_has_its_own_brakes_in_the_unit_of_its_file_and_couplings_by_wh
         strip.refresh_text()
         assert strip.currents.figures.text() == value
         assert strip.currents.title.text() == f"Currents, {device.command_unit}"
+
+
+def test_a_late_tick_is_a_point_in_its_colour(qtbot) -> None:
+    strip = shown(qtbot, TimingStrip(), 360, 120)
+    lateness = np.full(3000, 14.0)
+    lateness[1000], lateness[2000] = 300.0, 2500.0
+    for begin in range(0, 3000, 16):
+        strip.add_ticks(1e-3 * np.arange(begin, min(begin + 16, 3000)), lateness[begin : begin + 16])
+    points = strip.late.points()
+    assert [round(point.pos().x(), 3) for point in points] == [1.0, 2.0]
+    assert [point.brush().color() for point in points] == [theme.shade(COLOURS.caution), theme.shade(COLOURS.bad)]
 
 
 def test_the_ledger_closes_and_heat_that_falls_is_said_in_red_and_opens_the_strip_once(strip: Strip) -> None:

@@ -43,6 +43,8 @@ SAYS = {
     "approach": ((MOUSE_HAND, running()), tick_log.APPROACH, True, "Move to the start", "green circle", "pointer"),
     "move": ((MOUSE_HAND, running()), tick_log.MOVE, True, "Go", "Follow the line", "pointer"),
     "move, for a while": ((MOUSE_HAND, running()), tick_log.MOVE, True, "", "Follow the line", "pointer"),
+    "move, by a sensor": ((opened(hand="force sensor"), running(1)), tick_log.MOVE, False, "Go", "Follow", "pointer"),
+    "finished": ((MOUSE_HAND, ready(9, stage=m.FINISHED)), None, True, "Thank you!", "", "trial"),
     "approach, let go": ((MOUSE_HAND, running()), tick_log.APPROACH, False, "Move to the start", "pointer", "circle"),
     "move, let go": ((MOUSE_HAND, running()), tick_log.MOVE, False, "Go", "pointer", "line"),
     "done": ((MOUSE_HAND, running(), ready(1)), None, True, "Thank you", "One moment", "2.4"),
