@@ -26,7 +26,7 @@ from app.window.widgets import palette, theme
 from app.window.widgets.cards import EXCLUDE
 from app.window.widgets.parts import KeyButton
 from app.window.widgets.theme import COLOURS
-from experiments.analysis.charts import PERSON, POOLED, SPEED
+from experiments.analysis.charts import PERSON, POOLED
 from experiments.analysis.own_measures import metrics_in
 from experiments.analysis.trials_table import TrialRow, as_rows, as_table
 from experiments.export.results import Results, read_results
@@ -77,12 +77,9 @@ def page(kept: PageDriver, three: Results) -> AnalysePage:
     page.chosen = None
     page.timeouts.setChecked(False)
     page.logarithmic.setChecked(True)
-    page.show_page(SPEED)
-    page.show_page(PERSON)
-    page.axis.show_value(POOLED)
+    page.show_results(three._replace(trials=as_table([]), configurations=(), own=()))
     page.show_page(POOLED)
-    for results in (three._replace(trials=as_table([]), configurations=(), own=()), three):
-        page.show_results(results)
+    page.show_results(three)
     return page
 
 
