@@ -18,9 +18,9 @@ from core.simulator.state import MECHANISM, pack_mechanism
 
 #: Places on the circle that the tip cannot leave at which levers are taken; half as many on half the radius, where that
 #: is more than `NEAR_M`.
-ROUND, NEAR_M = 12, 0.045
+ANGLES, NEAR_M = 12, 0.045
 TRIES, NEARER = 10, 0.08  # places in turn on a ray, each so much of the radius nearer, until the linkage reaches one
-ROWS = 4 * (1 + ROUND + ROUND // 2)  # directions at right angles to a row
+ROWS = 4 * (1 + ANGLES + ANGLES // 2)  # directions at right angles to a row
 #: Share by which levers count as smaller, and rates as larger, for the places in between: a constant, what is added for
 #: each metre beyond `NEAR_M`, and the most.
 MARGIN, MARGIN_PER_M, MARGIN_MOST = 0.01, 1.0, 0.15
@@ -32,7 +32,7 @@ LEVERS = np.dtype(
     [
         ("mechanism", MECHANISM),
         ("present", "f8", (4,)),
-        ("round", "i8"),  # `ROUND` and `TRIES`: with constant counts the compiler takes a minute longer
+        ("angles", "i8"),  # `ANGLES` and `TRIES`: with constant counts the compiler takes a minute longer
         ("tries", "i8"),
         # of the circle
         ("rows", "i8"),  # directions kept
@@ -47,7 +47,7 @@ LEVERS = np.dtype(
 
 def make_levers(mechanism: Mechanism, brakes: Brakes) -> np.ndarray:
     """A device as the kernels here read it; one record."""
-    record = new_record(LEVERS, present=brakes.present, round=ROUND, tries=TRIES)
+    record = new_record(LEVERS, present=brakes.present, angles=ANGLES, tries=TRIES)
     record["mechanism"][0] = pack_mechanism(mechanism)[0]
     return record
 
@@ -61,11 +61,11 @@ def take_places(levers, x, y, radius):
     certain = 1.0 - min(MARGIN + MARGIN_PER_M * max(radius - NEAR_M, 0.0), MARGIN_MOST)
     take_place(levers, x, y, certain)
     if radius > 0.0:
-        for k in range(levers.round):
-            take_place_along(levers, x, y, radius, 2.0 * math.pi * k / ROUND, certain)
+        for k in range(levers.angles):
+            take_place_along(levers, x, y, radius, 2.0 * math.pi * k / ANGLES, certain)
         if radius > NEAR_M:
-            for k in range(levers.round // 2):
-                take_place_along(levers, x, y, 0.5 * radius, 2.0 * math.pi * (2 * k + 1) / ROUND, certain)
+            for k in range(levers.angles // 2):
+                take_place_along(levers, x, y, 0.5 * radius, 2.0 * math.pi * (2 * k + 1) / ANGLES, certain)
 
 
 @kernel
