@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -44,6 +43,15 @@ def change(file: Path, pattern: str, replacement: str) -> None:
     text = file.read_text()
     assert re.search(pattern, text), pattern
     file.write_text(re.sub(pattern, replacement, text))
+
+
+def phd(*arguments: str) -> subprocess.Popen:
+    """The program, in the current folder; Ctrl-C is heard, as in a shell's foreground."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "app.cli", *arguments], env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        preexec_fn=None if sys.platform == "win32" else lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -101,34 +109,29 @@ def test_a_fault_of_our_own_is_named_as_one_and_its_traceback_kept(folder, tmp_p
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM there, and Ctrl-C goes to all processes of a console")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_long_run_that_is_stopped_leaves_no_file(folder, number, monkeypatch, request):
-    """A row takes minutes: its kernel hears nothing, the program does."""
+def test_a_long_run_that_is_stopped_leaves_no_file(folder):
+    """A row takes minutes: its kernel hears nothing, the program does. (Its thread ends with its process alone.)"""
     change(folder / "scene.toml", "step_s = 1e-3", "step_s = 1e-5\noutput_interval_s = 9e3")
     change(folder / "scene.toml", "duration_s = 0.05", "duration_s = 9e3")
     change(folder / "scene.toml", 'file = "force.csv"', "constant_N = [0, 0]")
-    for heard, how in ((signal.SIGINT, signal.default_int_handler), (signal.SIGTERM, signal.SIG_DFL)):
-        before = signal.signal(heard, how)
-        request.addfinalizer(lambda heard=heard, before=before: signal.signal(heard, before))
-
-    def stop() -> None:
-        wait_until((folder / "out.csv").exists)
-        time.sleep(0.5)  # its kernels are loaded
-        os.kill(os.getpid(), number)
-
-    monkeypatch.setattr(sys, "argv", ["phd", "simulate", "scene.toml", "--out", "out.csv"])
-    stopping = threading.Thread(target=stop)
-    stopping.start()
-    assert main() == 128 + number
-    stopping.join()
-    assert not (folder / "out.csv").exists()
+    codes = {signal.SIGINT: 130, signal.SIGTERM: 143}
+    outs = {number: folder / f"{number.name}.csv" for number in codes}
+    running = {number: phd("simulate", "scene.toml", "--out", out.name) for number, out in outs.items()}
+    try:
+        wait_until(lambda: all(out.exists() for out in outs.values()))
+        time.sleep(1.0)  # their kernels are loaded
+        for number, process in running.items():
+            process.send_signal(number)
+            _, said = process.communicate(timeout=200)
+            assert process.returncode == codes[number] and "Traceback" not in said
+    finally:
+        for process in running.values():
+            process.kill()  # one that does not hear
+    assert not any(out.exists() for out in outs.values())
 
 
 def test_a_verb_whose_reader_is_gone_ends_quietly():
-    process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "run", "--print-plan"], env=os.environ | {"PYTHONPATH": str(ROOT)},
-        text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+    process = phd("run", "--print-plan")
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait(200) == 141
