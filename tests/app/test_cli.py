@@ -45,12 +45,16 @@ def change(file: Path, pattern: str, replacement: str) -> None:
     file.write_text(re.sub(pattern, replacement, text))
 
 
+def hear_ctrl_c() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def phd(*arguments: str) -> subprocess.Popen:
     """The program, in the current folder; Ctrl-C is heard, as in a shell's foreground."""
     return subprocess.Popen(
         [sys.executable, "-m", "app.cli", *arguments], env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        preexec_fn=None if sys.platform == "win32" else lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=None if sys.platform == "win32" else hear_ctrl_c,
     )  # fmt: skip
 
 
