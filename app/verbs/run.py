@@ -1,6 +1,7 @@
 """`phd run`, or `phd` alone: the app."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from app.ipc.messages import Setup
 from app.progress import ScreenCheck, import_window_module, watch_compiling
 from app.session_server.lsl import load_pylsl
 from app.session_server.preflight import ignored_features
-from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, low_gain, whole_number_of
+from app.verbs.common import DATA_DIR, DEVICES, RULES, add_verb, number_between, whole_number_of
 from app.window.widgets import palette
 from core.files import InputError
 from experiments.inputs import CHOICES, INPUTS, MOUSE, is_person
@@ -17,6 +18,7 @@ from experiments.plan import participant_label, print_plan
 from experiments.protocol import Protocol, load_protocol
 from hardware.own_driver import DRIVER, load_driver
 
+GAIN = number_between(0.0, math.inf, "a number greater than 0, in N s/m")
 #: for --help: mouse (pulls the handle by a spring)
 HANDS = [f"{name} ({INPUTS[name].does})" for name in CHOICES]
 
@@ -48,7 +50,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--lsl", action="store_true", help="stream ticks and markers to the Lab Streaming Layer")
     option("--rules", choices=RULES, help="rule set in place of the protocol's")
     least_gain = "N s/m of the lowest-gain proportional controller, in place of the protocol's"
-    option("--low-gain", type=low_gain, metavar="NUMBER", help=least_gain)
+    option("--low-gain", type=GAIN, metavar="NUMBER", help=least_gain)
     option("--seed", type=whole_number_of(0), metavar="N", help="of the trial order, in place of the protocol's")
     participant = "label of the participant (default: the first without a session)"
     option("--participant", type=label_of_participant, metavar="01", help=participant)

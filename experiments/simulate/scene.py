@@ -13,7 +13,7 @@ import numpy as np
 
 from core.control.guard import NOTHING, Around, Guard, why_no_guard
 from core.device import Device, load_device
-from core.files import InputError, NotNegative, Positive, Table, choice, parse_toml, read_text, shipped_names
+from core.files import InputError, NotNegative, Positive, Table, choice, parse_toml, read_text, shipped_or_file
 from core.mechanism import JOINTS
 from core.number_table import read_number_file
 from core.obstacles import ObstacleFile, build_obstacles, nearest_obstacle
@@ -161,10 +161,8 @@ class Scene:
 
 
 def scene_file(name_or_path: str | Path) -> Path:
-    """The file of a scene, shipped or not; a path that is no file as it is: whoever reads it says so."""
-    if str(name_or_path) in shipped_names(SHIPPED_FOLDER):
-        return SHIPPED_FOLDER / f"{name_or_path}.toml"
-    return Path(name_or_path)
+    """The file of a scene, shipped or not. InputError: there is none."""
+    return shipped_or_file(name_or_path, SHIPPED_FOLDER, Path(), "unknown scene")
 
 
 def read_scene(path: str | Path, text: str | None = None) -> Scene:
