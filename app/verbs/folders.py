@@ -78,7 +78,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--shift-dates", action="store_true", help=shift)
     author = "BIDS: an author, kept for the next export; repeatable (default: the protocol's, else those kept)"
     option("--author", action="append", default=[], metavar="NAME", help=author)
-    licence = "BIDS: the licence, such as CC0-1.0; kept and defaults as the authors"
+    licence = "BIDS: its licence, such as CC0-1.0, kept and found as an author is"
     option("--licence", "--license", default="", metavar="NAME", help=licence)
     option = add_verb(
         verbs, "verify", verify_verb,
