@@ -78,7 +78,7 @@ def add(verbs: argparse._SubParsersAction) -> None:
     option("--shift-dates", action="store_true", help=shift)
     author = "BIDS: an author, kept for the next export; repeatable (default: the protocol's, else those kept)"
     option("--author", action="append", default=[], metavar="NAME", help=author)
-    licence = "BIDS: its licence, such as CC0-1.0, kept and found as an author is"
+    licence = "BIDS: its licence, such as CC0-1.0 (kept, and with the same default, as --author)"
     option("--licence", "--license", default="", metavar="NAME", help=licence)
     option = add_verb(
         verbs, "verify", verify_verb,
